@@ -1,0 +1,3 @@
+//! The `feeder` command.
+
+fn main() {}
