@@ -1,0 +1,165 @@
+use super::DdsError;
+
+const DOMAIN_ID: &str = "ROS_DOMAIN_ID";
+const RANGE: &str = "ROS_AUTOMATIC_DISCOVERY_RANGE";
+const LOCALHOST_ONLY: &str = "ROS_LOCALHOST_ONLY";
+
+/// How far participants are looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum DiscoveryRange {
+    /// This host only: nothing is sent to, or advertised on, any other network interface.
+    /// Participants on this host with range [`Subnet`](Self::Subnet) are found as well.
+    Localhost,
+    /// Every interface that can multicast. What ROS 2 does without further settings.
+    Subnet,
+    /// Nobody is looked for and nothing is advertised.
+    Off,
+}
+
+/// A DDS domain and how far discovery reaches in it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Domain {
+    /// Domain number, 0 to [`Domain::ID_MAX`].
+    pub id: u16,
+    /// How far participants are looked for.
+    pub range: DiscoveryRange,
+}
+
+impl Domain {
+    /// The largest domain whose ports (7400 + 250 · id and following) are valid UDP ports.
+    ///
+    /// On Linux, domains 102 to 214 share their ports with those the system hands out for a short
+    /// time, so a participant there may find its port taken. A domain holds up to 120 participants
+    /// on one host, domain 232 only 62.
+    pub const ID_MAX: u16 = 232;
+
+    /// The domain the environment asks for, read as ROS 2 reads it.
+    ///
+    /// - `ROS_DOMAIN_ID`: 0 when unset or empty.
+    /// - `ROS_AUTOMATIC_DISCOVERY_RANGE`: `LOCALHOST`, `SUBNET`, `OFF`, or `SYSTEM_DEFAULT`, which
+    ///   is `SUBNET` here, as is nothing.
+    /// - `ROS_LOCALHOST_ONLY`: `1` means `LOCALHOST` whatever the range says (older than it, and
+    ///   still honoured by ROS 2); `0` or nothing leaves the range alone.
+    ///
+    /// # Errors
+    /// [`DdsError::Environment`] names the variable, its value and what is allowed.
+    pub fn from_env() -> Result<Self, DdsError> {
+        Self::from_lookup(|variable| {
+            std::env::var_os(variable).map(|value| value.to_string_lossy().into_owned())
+        })
+    }
+
+    /// As [`from_env`](Self::from_env), with the variables taken from a function.
+    ///
+    /// # Errors
+    /// As [`from_env`](Self::from_env).
+    pub fn from_lookup(lookup: impl Fn(&str) -> Option<String>) -> Result<Self, DdsError> {
+        let set = |variable| lookup(variable).filter(|value| !value.is_empty());
+        let id = match set(DOMAIN_ID) {
+            None => 0,
+            Some(value) => value.parse().ok().filter(|id| *id <= Self::ID_MAX).ok_or(
+                DdsError::Environment {
+                    variable: DOMAIN_ID,
+                    value,
+                    allowed: "a number from 0 to 232",
+                },
+            )?,
+        };
+        let range = match set(RANGE).as_deref() {
+            None | Some("SUBNET" | "SYSTEM_DEFAULT") => DiscoveryRange::Subnet,
+            Some("LOCALHOST") => DiscoveryRange::Localhost,
+            Some("OFF") => DiscoveryRange::Off,
+            Some(other) => {
+                return Err(DdsError::Environment {
+                    variable: RANGE,
+                    value: other.to_owned(),
+                    allowed: "LOCALHOST, SUBNET, OFF, SYSTEM_DEFAULT",
+                });
+            }
+        };
+        match set(LOCALHOST_ONLY).as_deref() {
+            None | Some("0") => Ok(Self { id, range }),
+            Some("1") => Ok(Self {
+                id,
+                range: DiscoveryRange::Localhost,
+            }),
+            Some(other) => Err(DdsError::Environment {
+                variable: LOCALHOST_ONLY,
+                value: other.to_owned(),
+                allowed: "0, 1",
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(variables: &[(&str, &str)]) -> Result<Domain, DdsError> {
+        Domain::from_lookup(|name| {
+            variables
+                .iter()
+                .find(|(n, _)| *n == name)
+                .map(|(_, value)| (*value).to_owned())
+        })
+    }
+
+    #[test]
+    fn nothing_set_is_what_ros_does() {
+        let domain = Domain {
+            id: 0,
+            range: DiscoveryRange::Subnet,
+        };
+        assert_eq!(read(&[]).expect("defaults"), domain);
+        assert_eq!(
+            read(&[(DOMAIN_ID, ""), (RANGE, "")]).expect("empty is unset"),
+            domain
+        );
+    }
+
+    #[test]
+    fn values_are_read() {
+        let read = |variables| read(variables).expect("good values");
+        assert_eq!(read(&[(DOMAIN_ID, "232")]).id, 232);
+        assert_eq!(
+            read(&[(RANGE, "LOCALHOST")]).range,
+            DiscoveryRange::Localhost
+        );
+        assert_eq!(read(&[(RANGE, "OFF")]).range, DiscoveryRange::Off);
+        assert_eq!(
+            read(&[(RANGE, "SYSTEM_DEFAULT")]).range,
+            DiscoveryRange::Subnet
+        );
+        assert_eq!(
+            read(&[(RANGE, "SUBNET"), (LOCALHOST_ONLY, "1")]).range,
+            DiscoveryRange::Localhost
+        );
+        assert_eq!(
+            read(&[(RANGE, "LOCALHOST"), (LOCALHOST_ONLY, "0")]).range,
+            DiscoveryRange::Localhost
+        );
+    }
+
+    #[test]
+    fn a_bad_value_is_refused_by_name() {
+        for (variable, value) in [
+            (DOMAIN_ID, "233"),
+            (DOMAIN_ID, "-1"),
+            (DOMAIN_ID, "1.5"),
+            (DOMAIN_ID, "zero"),
+            (DOMAIN_ID, "99999999999999999999"),
+            (RANGE, "localhost"),
+            (RANGE, "EVERYWHERE"),
+            (LOCALHOST_ONLY, "yes"),
+        ] {
+            let message = read(&[(variable, value)]).expect_err(value).to_string();
+            assert!(
+                message.contains(variable)
+                    && message.contains(value)
+                    && message.contains("allowed"),
+                "{message}"
+            );
+        }
+    }
+}

@@ -1,0 +1,8 @@
+//! What every node of the feeder stands on.
+//!
+//! This crate alone knows the DDS library; its public items speak of topics, bytes and plain
+//! types only. Nodes run on plain threads: nothing here asks for an async runtime.
+
+pub mod cdr;
+pub mod dds;
+pub mod testing;
