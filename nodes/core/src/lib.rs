@@ -10,5 +10,6 @@
 pub mod courier;
 pub mod gravity;
 pub mod motion;
+pub mod range;
 pub mod tray;
 pub mod waveform;
