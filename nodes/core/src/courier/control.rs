@@ -5,8 +5,9 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::limits::{ParameterError, check_range};
+use super::limits::check_range;
 use super::plant::Wrench;
+use crate::range::OutOfRange;
 
 /// Where the courier is to be at a servo tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -44,7 +45,7 @@ impl ControlParameters {
     ///
     /// # Errors
     /// The first parameter that is not finite or out of range.
-    pub fn validate(&self) -> Result<(), ParameterError> {
+    pub fn validate(&self) -> Result<(), OutOfRange> {
         check_range("control.bandwidth_hz", self.bandwidth_hz, 1.0, 300.0)?;
         check_range("control.damping_ratio", self.damping_ratio, 0.1, 3.0)?;
         check_range("control.velocity_filter_hz", self.velocity_filter_hz, 10.0, 1e5)
@@ -73,7 +74,7 @@ impl Controller {
     ///
     /// # Errors
     /// A parameter out of its range.
-    pub fn new(parameters: &ControlParameters, mass: Vector3<f64>, period_s: f64) -> Result<Self, ParameterError> {
+    pub fn new(parameters: &ControlParameters, mass: Vector3<f64>, period_s: f64) -> Result<Self, OutOfRange> {
         parameters.validate()?;
         let natural_rad_s = TAU * parameters.bandwidth_hz;
         Ok(Self {

@@ -1,185 +1,19 @@
 //! The driver itself: accepts commands, makes set points of them, closes the servo loop and reports the tray's motion.
 
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
-use super::control::{ControlParameters, Controller, SetPoint};
-use super::limits::{AXES, CourierLimits, Extent, Load, ParameterError, check_range};
+use super::config::CourierConfig;
+use super::control::{Controller, SetPoint};
+use super::limits::Extent;
 use super::path::{Check, Path};
-use super::plant::{Plant, PlantParameters, SimulatedPlant, Wrench};
-use super::trajectory::{Rejection, Spline, State, Trajectory};
-use super::vibrator::{VibrationPhase, Vibrator};
+use super::plant::{Plant, SimulatedPlant, Wrench};
+use super::rejection::Rejection;
+use super::report::{DriverEvent, DriverStatus, Fault, GoalHandle, GoalOutcome, StepOutput};
+use super::trajectory::{Spline, State, Trajectory};
+use super::vibrator::Vibrator;
 use crate::motion::{MotionBlock, MotionSample};
+use crate::range::OutOfRange;
 use crate::waveform::Waveform;
-
-/// Everything a courier is set up with.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct CourierConfig {
-    /// The envelope of commands.
-    pub limits: CourierLimits,
-    /// The servo loop.
-    pub control: ControlParameters,
-    /// The simulated motor.
-    pub plant: PlantParameters,
-    /// What the tray carries.
-    pub load: Load,
-    /// Time between servo ticks, s.
-    pub servo_period_s: f64,
-    /// Where the courier begins: x, y (m) and yaw (rad).
-    pub start: Vector3<f64>,
-    /// Fewest periods over which a vibration fades in and out; more are taken where the envelope asks for it.
-    pub fade_periods: u32,
-    /// Largest distance from the set point at which a goal counts as reached, m.
-    pub goal_tolerance_m: f64,
-    /// Largest yaw from the set point at which a goal counts as reached, rad.
-    pub goal_tolerance_rad: f64,
-    /// Time after a trajectory's end within which its goal must be reached, s.
-    pub goal_time_tolerance_s: f64,
-    /// Distance from the set point beyond which the driver faults, m.
-    pub tracking_error_m_max: f64,
-    /// Yaw from the set point beyond which the driver faults, rad.
-    pub tracking_error_rad_max: f64,
-}
-
-impl Default for CourierConfig {
-    fn default() -> Self {
-        Self {
-            limits: CourierLimits::default(),
-            control: ControlParameters::default(),
-            plant: PlantParameters::default(),
-            load: Load::default(),
-            servo_period_s: 0.5e-3,
-            start: Vector3::zeros(),
-            fade_periods: 2,
-            goal_tolerance_m: 20e-6,
-            goal_tolerance_rad: 1e-3,
-            goal_time_tolerance_s: 0.5,
-            tracking_error_m_max: 2e-3,
-            tracking_error_rad_max: 10e-3,
-        }
-    }
-}
-
-impl CourierConfig {
-    /// Checks every value.
-    ///
-    /// # Errors
-    /// The first parameter that is not finite or out of range.
-    pub fn validate(&self) -> Result<(), ParameterError> {
-        self.limits.validate()?;
-        self.control.validate()?;
-        self.plant.validate()?;
-        self.load.validate()?;
-        check_range("servo_period_s", self.servo_period_s, 1e-4, 5e-3)?;
-        let (min, max) = (self.limits.position_min(), self.limits.position_max());
-        for (axis, name) in ["start x", "start y", "start yaw"].into_iter().enumerate() {
-            check_range(name, self.start[axis], min[axis], max[axis])?;
-        }
-        check_range("fade_periods", f64::from(self.fade_periods), 1.0, f64::from(Vibrator::FADE_PERIODS_MAX))?;
-        check_range("goal_tolerance_m", self.goal_tolerance_m, 1e-7, 0.01)?;
-        check_range("goal_tolerance_rad", self.goal_tolerance_rad, 1e-6, 0.01)?;
-        check_range("goal_time_tolerance_s", self.goal_time_tolerance_s, 0.0, 60.0)?;
-        check_range("tracking_error_m_max", self.tracking_error_m_max, 1e-5, 0.1)?;
-        check_range("tracking_error_rad_max", self.tracking_error_rad_max, 1e-5, 0.1)
-    }
-}
-
-/// Names an accepted trajectory.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct GoalHandle(pub u64);
-
-/// How an accepted trajectory ended.
-#[derive(Clone, Debug, PartialEq)]
-pub enum GoalOutcome {
-    /// The end was reached within the tolerance.
-    Succeeded,
-    /// The same client sent another trajectory.
-    Preempted,
-    /// Its client cancelled it, or somebody halted the courier.
-    Halted,
-    /// The end was not reached within the tolerance in time.
-    ToleranceViolated {
-        /// Distance from the end, (m, m, rad).
-        error: Vector3<f64>,
-    },
-    /// The driver went into fault.
-    Faulted(Fault),
-}
-
-/// Why the driver refuses to move until it is reset.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum Fault {
-    /// The courier did not follow its set point.
-    #[error("{} is {error:.6} off its set point, allowed is {allowed:.6}", AXES[*axis])]
-    TrackingError {
-        /// Index of the axis.
-        axis: usize,
-        /// Distance from the set point, m or rad.
-        error: f64,
-        /// The distance allowed.
-        allowed: f64,
-    },
-    /// The position sensor gave no finite number.
-    #[error("the position sensor gives no finite number")]
-    SensorLost,
-}
-
-/// What happened to a goal or to the driver during a step.
-#[derive(Clone, Debug, PartialEq)]
-pub enum DriverEvent {
-    /// A goal ended.
-    GoalEnded(GoalHandle, GoalOutcome),
-    /// The driver stopped itself and waits for a reset.
-    Fault(Fault),
-}
-
-/// The driver's state at the end of a step.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DriverStatus {
-    /// Time since the driver's start, s.
-    pub time_s: f64,
-    /// Position of the tray, as the plant knows it.
-    pub position: Vector3<f64>,
-    /// Velocity of the tray, as the plant knows it.
-    pub velocity: Vector3<f64>,
-    /// Where the courier is sent, without the vibration: where it will be once the vibration has stopped.
-    pub nominal_position: Vector3<f64>,
-    /// What the vibration does.
-    pub vibration: VibrationPhase,
-    /// A trajectory is being followed.
-    pub moving: bool,
-    /// The goal being executed.
-    pub goal: Option<GoalHandle>,
-    /// Largest magnitude of set point − position during the step, per axis.
-    pub tracking_error_peak: Vector3<f64>,
-    /// Root mean square of set point − position during the step, per axis.
-    pub tracking_error_rms: Vector3<f64>,
-    /// Servo ticks of the step in which force or torque were cut to the peak.
-    pub saturated_ticks: usize,
-    /// The latched fault.
-    pub fault: Option<Fault>,
-}
-
-impl DriverStatus {
-    /// Neither trajectory nor vibration moves the set point.
-    #[must_use]
-    pub fn at_rest(&self) -> bool {
-        !self.moving && self.vibration == VibrationPhase::Off
-    }
-}
-
-/// What a step yields.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StepOutput {
-    /// True motion of the tray during the step.
-    pub block: MotionBlock,
-    /// The state at its end.
-    pub status: DriverStatus,
-    /// What happened since the last step.
-    pub events: Vec<DriverEvent>,
-}
 
 /// A goal being executed.
 #[derive(Clone, Copy, Debug)]
@@ -215,7 +49,7 @@ impl CourierDriver<SimulatedPlant> {
     ///
     /// # Errors
     /// A parameter out of its range.
-    pub fn simulated(config: CourierConfig, seed: u64) -> Result<Self, ParameterError> {
+    pub fn simulated(config: CourierConfig, seed: u64) -> Result<Self, OutOfRange> {
         config.validate()?;
         let mut plant = SimulatedPlant::new(config.plant, config.start, seed)?;
         plant.set_load(&config.load);
@@ -228,7 +62,7 @@ impl<P: Plant> CourierDriver<P> {
     ///
     /// # Errors
     /// A parameter out of its range.
-    pub fn with_plant(config: CourierConfig, plant: P) -> Result<Self, ParameterError> {
+    pub fn with_plant(config: CourierConfig, plant: P) -> Result<Self, OutOfRange> {
         config.validate()?;
         let mass = config.limits.moved(&config.load);
         Ok(Self {
@@ -263,7 +97,7 @@ impl<P: Plant> CourierDriver<P> {
     /// before anything else begins. The same waveform again changes nothing but `enabled`.
     ///
     /// # Errors
-    /// A fault, a waveform that is no periodic motion, or one that leaves the envelope, now or on the path being
+    /// A fault, a waveform with a period out of range, or one that leaves the envelope, now or on the path being
     /// followed, even when faded in slowly.
     pub fn set_waveform(&mut self, waveform: &Waveform, enabled: bool) -> Result<(), Rejection> {
         if let Some(fault) = self.fault.clone().filter(|_| enabled) {
@@ -280,7 +114,7 @@ impl<P: Plant> CourierDriver<P> {
             }
         };
         let prepared = Vibrator::prepare(waveform, self.config.fade_periods, check)?;
-        self.vibrator.set(waveform, prepared, enabled, self.tick);
+        self.vibrator.set(prepared, enabled, self.tick);
         Ok(())
     }
 

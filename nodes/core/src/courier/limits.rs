@@ -4,30 +4,14 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use crate::range::OutOfRange;
+
 /// Names of the courier's axes, in the order of the components of every motion vector.
 pub const AXES: [&str; 3] = ["courier_x", "courier_y", "courier_yaw"];
 
-/// A parameter outside its allowed range.
-#[derive(Clone, Debug, PartialEq, Error)]
-#[error("{parameter} = {value} is outside the allowed range {min} to {max}")]
-pub struct ParameterError {
-    /// Name of the parameter.
-    pub parameter: &'static str,
-    /// The value found.
-    pub value: f64,
-    /// The smallest value allowed.
-    pub min: f64,
-    /// The largest value allowed.
-    pub max: f64,
-}
-
 /// Checks that `value` is finite and within `min..=max`.
-pub(crate) fn check_range(parameter: &'static str, value: f64, min: f64, max: f64) -> Result<(), ParameterError> {
-    if value.is_finite() && (min..=max).contains(&value) {
-        Ok(())
-    } else {
-        Err(ParameterError { parameter, value, min, max })
-    }
+pub(crate) fn check_range(parameter: &'static str, value: f64, min: f64, max: f64) -> Result<(), OutOfRange> {
+    OutOfRange::unless((min..=max).contains(&value), parameter, value, format_args!("{min} to {max}")).map(|_| ())
 }
 
 /// What the tray carries, added to the courier's own mass and inertia.
@@ -45,7 +29,7 @@ impl Load {
     ///
     /// # Errors
     /// The first parameter that is not finite or out of range.
-    pub fn validate(&self) -> Result<(), ParameterError> {
+    pub fn validate(&self) -> Result<(), OutOfRange> {
         check_range("load.mass_kg", self.mass_kg, 0.0, 20.0)?;
         check_range("load.inertia_kg_m2", self.inertia_kg_m2, 0.0, 1.0)
     }
@@ -143,7 +127,7 @@ impl CourierLimits {
     ///
     /// # Errors
     /// The first parameter that is not finite or out of range.
-    pub fn validate(&self) -> Result<(), ParameterError> {
+    pub fn validate(&self) -> Result<(), OutOfRange> {
         check_range("limits.x_m_min", self.x_m_min, -10.0, 10.0)?;
         check_range("limits.x_m_max", self.x_m_max, self.x_m_min, 10.0)?;
         check_range("limits.y_m_min", self.y_m_min, -10.0, 10.0)?;

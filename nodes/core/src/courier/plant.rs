@@ -9,7 +9,8 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-use super::limits::{Load, ParameterError, check_range};
+use super::limits::{Load, check_range};
+use crate::range::OutOfRange;
 
 /// Force along x and y (N) and torque about z (N m).
 pub type Wrench = Vector3<f64>;
@@ -88,7 +89,7 @@ impl PlantParameters {
     ///
     /// # Errors
     /// The first parameter that is not finite or out of range.
-    pub fn validate(&self) -> Result<(), ParameterError> {
+    pub fn validate(&self) -> Result<(), OutOfRange> {
         check_range("plant.mass_kg", self.mass_kg, 1e-2, 100.0)?;
         check_range("plant.inertia_kg_m2", self.inertia_kg_m2, 1e-6, 10.0)?;
         for offset_m in self.center_of_mass_offset_m {
@@ -139,7 +140,7 @@ impl SimulatedPlant {
     ///
     /// # Errors
     /// A parameter out of its range.
-    pub fn new(parameters: PlantParameters, position: Vector3<f64>, seed: u64) -> Result<Self, ParameterError> {
+    pub fn new(parameters: PlantParameters, position: Vector3<f64>, seed: u64) -> Result<Self, OutOfRange> {
         parameters.validate()?;
         Ok(Self {
             parameters,

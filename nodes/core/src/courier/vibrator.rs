@@ -4,8 +4,8 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::limits::{Extent, LimitViolation};
-use super::trajectory::Rejection;
-use super::vibration::{PeriodicMotion, Vibration};
+use super::rejection::Rejection;
+use super::vibration::Vibration;
 use crate::waveform::Waveform;
 
 /// What the vibration does.
@@ -35,7 +35,6 @@ struct Running {
 /// The waveform last accepted.
 #[derive(Clone, Debug)]
 struct Wanted {
-    waveform: Waveform,
     vibration: Vibration,
     enabled: bool,
 }
@@ -61,10 +60,9 @@ impl Vibrator {
         fade_periods: u32,
         check: impl Fn(Extent) -> Result<(), LimitViolation>,
     ) -> Result<Vibration, Rejection> {
-        let motion = PeriodicMotion::new(waveform)?;
         let mut fade_periods = fade_periods;
         loop {
-            let vibration = Vibration::new(motion.clone(), fade_periods);
+            let vibration = Vibration::new(waveform.clone(), fade_periods)?;
             match check(vibration.extent()) {
                 Ok(()) => return Ok(vibration),
                 Err(violation) if fade_periods >= Self::FADE_PERIODS_MAX => {
@@ -75,16 +73,16 @@ impl Vibrator {
         }
     }
 
-    pub(crate) fn set(&mut self, waveform: &Waveform, vibration: Vibration, enabled: bool, tick: u64) {
-        let same = self.wanted.as_ref().is_some_and(|wanted| wanted.waveform == *waveform);
+    pub(crate) fn set(&mut self, vibration: Vibration, enabled: bool, tick: u64) {
+        let same = self.wanted.as_ref().is_some_and(|wanted| wanted.vibration.waveform() == vibration.waveform());
         if !(same && enabled) {
             self.stop(tick);
         }
-        self.wanted = Some(Wanted { waveform: waveform.clone(), vibration, enabled });
+        self.wanted = Some(Wanted { vibration, enabled });
     }
 
     pub(crate) fn wanted(&self) -> Option<(&Waveform, bool)> {
-        self.wanted.as_ref().map(|wanted| (&wanted.waveform, wanted.enabled))
+        self.wanted.as_ref().map(|wanted| (wanted.vibration.waveform(), wanted.enabled))
     }
 
     pub(crate) fn disable(&mut self, tick: u64) {
@@ -107,7 +105,7 @@ impl Vibrator {
         let period_s = self.period_s;
         if let Some(running) = self.running.as_mut().filter(|running| running.fade_out_s.is_infinite()) {
             let elapsed_s = running.elapsed_s(tick, period_s);
-            let waveform_s = running.vibration.period_s();
+            let waveform_s = running.vibration.waveform().period_s();
             running.fade_out_s = ((elapsed_s / waveform_s).ceil() * waveform_s).max(running.vibration.fade_s());
         }
     }
