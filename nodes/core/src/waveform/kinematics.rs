@@ -131,6 +131,12 @@ impl Waveform {
             .fold(0.0, |peak, segment| segment.acceleration.abs().max(peak))
     }
 
+    /// Largest distance from the mean position.
+    #[must_use]
+    pub fn peak_position(&self) -> f64 {
+        self.extreme_positions().fold(0.0, |peak, position| position.abs().max(peak))
+    }
+
     /// Positions at the knots and where the velocity changes sign: the extremes are among them.
     fn extreme_positions(&self) -> impl Iterator<Item = f64> {
         let turns = self

@@ -1,0 +1,83 @@
+//! What a courier is set up with.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::control::ControlParameters;
+use super::limits::{CourierLimits, Load, check_range};
+use super::plant::PlantParameters;
+use super::vibrator::Vibrator;
+use crate::range::OutOfRange;
+
+/// Everything a courier is set up with.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CourierConfig {
+    /// The envelope of commands.
+    pub limits: CourierLimits,
+    /// The servo loop.
+    pub control: ControlParameters,
+    /// The simulated motor.
+    pub plant: PlantParameters,
+    /// What the tray carries.
+    pub load: Load,
+    /// Time between servo ticks, s.
+    pub servo_period_s: f64,
+    /// Where the courier begins: x, y (m) and yaw (rad).
+    pub start: Vector3<f64>,
+    /// Fewest periods over which a vibration fades in and out; more are taken where the envelope asks for it.
+    pub fade_periods: u32,
+    /// Largest distance from the set point at which a goal counts as reached, m.
+    pub goal_tolerance_m: f64,
+    /// Largest yaw from the set point at which a goal counts as reached, rad.
+    pub goal_tolerance_rad: f64,
+    /// Time after a trajectory's end within which its goal must be reached, s.
+    pub goal_time_tolerance_s: f64,
+    /// Distance from the set point beyond which the driver faults, m.
+    pub tracking_error_m_max: f64,
+    /// Yaw from the set point beyond which the driver faults, rad.
+    pub tracking_error_rad_max: f64,
+}
+
+impl Default for CourierConfig {
+    fn default() -> Self {
+        Self {
+            limits: CourierLimits::default(),
+            control: ControlParameters::default(),
+            plant: PlantParameters::default(),
+            load: Load::default(),
+            servo_period_s: 0.5e-3,
+            start: Vector3::zeros(),
+            fade_periods: 2,
+            goal_tolerance_m: 20e-6,
+            goal_tolerance_rad: 1e-3,
+            goal_time_tolerance_s: 0.5,
+            tracking_error_m_max: 2e-3,
+            tracking_error_rad_max: 10e-3,
+        }
+    }
+}
+
+impl CourierConfig {
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// The first parameter that is not finite or out of range.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
+        self.limits.validate()?;
+        self.control.validate()?;
+        self.plant.validate()?;
+        self.load.validate()?;
+        check_range("servo_period_s", self.servo_period_s, 1e-4, 5e-3)?;
+        let (min, max) = (self.limits.position_min(), self.limits.position_max());
+        for (axis, name) in ["start x", "start y", "start yaw"].into_iter().enumerate() {
+            check_range(name, self.start[axis], min[axis], max[axis])?;
+        }
+        check_range("fade_periods", f64::from(self.fade_periods), 1.0, f64::from(Vibrator::FADE_PERIODS_MAX))?;
+        check_range("goal_tolerance_m", self.goal_tolerance_m, 1e-7, 0.01)?;
+        check_range("goal_tolerance_rad", self.goal_tolerance_rad, 1e-6, 0.01)?;
+        check_range("goal_time_tolerance_s", self.goal_time_tolerance_s, 0.0, 60.0)?;
+        check_range("tracking_error_m_max", self.tracking_error_m_max, 1e-5, 0.1)?;
+        check_range("tracking_error_rad_max", self.tracking_error_rad_max, 1e-5, 0.1)
+    }
+}

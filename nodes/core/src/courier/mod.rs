@@ -1,0 +1,31 @@
+//! The courier driver without its hardware: what may be commanded, how it is followed, and a plant to follow it with.
+//!
+//! A [`CourierDriver`] superposes two motions. The *nominal* motion is where the courier is sent, by trajectories
+//! ([`Trajectory`]). The *vibration* repeats a
+//! [`Waveform`](crate::waveform::Waveform) about it. Their sum is the set point of a
+//! servo loop ([`control`]) that drives a [`plant::Plant`]: here a simulated one, elsewhere the motor.
+//!
+//! Everything is checked before it is begun: a command is refused with a [`Rejection`] and changes nothing, or it is
+//! accepted and can be carried out inside the [`CourierLimits`] at every servo tick.
+//!
+//! Vectors are (x, y, yaw) in the platen frame: m and rad, m/s and rad/s, m/s² and rad/s².
+
+mod config;
+pub mod control;
+mod driver;
+mod limits;
+mod path;
+pub mod plant;
+mod rejection;
+mod report;
+mod trajectory;
+mod vibration;
+mod vibrator;
+
+pub use config::CourierConfig;
+pub use driver::CourierDriver;
+pub use limits::{AXES, CourierLimits, LimitViolation, Load};
+pub use rejection::Rejection;
+pub use report::{DriverEvent, DriverStatus, Fault, GoalHandle, GoalOutcome, StepOutput};
+pub use trajectory::{Trajectory, TrajectoryPoint};
+pub use vibrator::VibrationPhase;

@@ -1,0 +1,255 @@
+//! Trajectories as `follow_joint_trajectory` states them: time-stamped points and an interpolation between them.
+
+use nalgebra::Vector3;
+
+use super::rejection::Rejection;
+
+/// A point of a trajectory. Vectors are (`courier_x`, `courier_y`, `courier_yaw`).
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrajectoryPoint {
+    /// Time since the start of the trajectory, s.
+    pub time_s: f64,
+    /// Position, m and rad.
+    pub position: Vector3<f64>,
+    /// Velocity, m/s and rad/s.
+    pub velocity: Option<Vector3<f64>>,
+    /// Acceleration, m/s² and rad/s².
+    pub acceleration: Option<Vector3<f64>>,
+}
+
+/// Points in order of time, interpolated as `ros2_control` does: quintic between points with velocities and
+/// accelerations, cubic between points with velocities, else linear.
+///
+/// A first point at time 0 says where the trajectory starts; without one it starts from the present set point.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Trajectory {
+    /// The points.
+    pub points: Vec<TrajectoryPoint>,
+}
+
+impl Trajectory {
+    /// Shortest and longest trajectory accepted, s.
+    pub const DURATION_RANGE_S: (f64, f64) = (1e-3, 600.0);
+
+    /// Time of the last point, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.points.last().map_or(0.0, |point| point.time_s)
+    }
+
+    /// Checks what can be checked without knowing the courier: finite, sorted, of a sensible
+    /// duration, at rest in the end.
+    ///
+    /// # Errors
+    /// The first thing found wrong.
+    pub fn validate(&self) -> Result<(), Rejection> {
+        let finite = |vector: &Vector3<f64>| vector.iter().all(|value| value.is_finite());
+        let mut last_time_s = f64::NEG_INFINITY;
+        for (index, point) in self.points.iter().enumerate() {
+            let not_finite = |field| Err(Rejection::NotFinite { index, field });
+            if !point.time_s.is_finite() || point.time_s < 0.0 {
+                return not_finite("time");
+            }
+            if !finite(&point.position) {
+                return not_finite("position");
+            }
+            if !point.velocity.as_ref().is_none_or(finite) {
+                return not_finite("velocity");
+            }
+            if !point.acceleration.as_ref().is_none_or(finite) {
+                return not_finite("acceleration");
+            }
+            if point.time_s <= last_time_s {
+                return Err(Rejection::Unsorted { index, time_s: point.time_s });
+            }
+            last_time_s = point.time_s;
+        }
+        let last = self.points.last().ok_or(Rejection::Empty)?;
+        let (min_s, max_s) = Self::DURATION_RANGE_S;
+        if !(min_s..=max_s).contains(&last.time_s) {
+            return Err(Rejection::Duration { duration_s: last.time_s, min_s, max_s });
+        }
+        if last.velocity.is_some_and(|velocity| velocity.norm() > 1e-9) {
+            return Err(Rejection::MovingEnd);
+        }
+        Ok(())
+    }
+}
+
+/// Position, velocity and acceleration at an instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct State {
+    pub(crate) position: Vector3<f64>,
+    pub(crate) velocity: Vector3<f64>,
+    pub(crate) acceleration: Vector3<f64>,
+}
+
+impl std::ops::Add for State {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            position: self.position + other.position,
+            velocity: self.velocity + other.velocity,
+            acceleration: self.acceleration + other.acceleration,
+        }
+    }
+}
+
+/// A polynomial of degree five per axis, in the time since its start.
+#[derive(Clone, Debug)]
+struct Piece {
+    start_s: f64,
+    coefficients: [Vector3<f64>; 6],
+}
+
+/// The interpolation of a trajectory: at rest after its end.
+#[derive(Clone, Debug)]
+pub(crate) struct Spline {
+    pieces: Vec<Piece>,
+    /// Takes what the stated start differs from the real one, and fades it out over the whole trajectory.
+    blend: Piece,
+    end_s: f64,
+    end: Vector3<f64>,
+}
+
+impl Spline {
+    /// Interpolates a valid trajectory from `present`, whether it states that start, nearly states it or leaves it out.
+    pub(crate) fn new(trajectory: &Trajectory, present: &State) -> Self {
+        let start = TrajectoryPoint {
+            time_s: 0.0,
+            position: present.position,
+            velocity: Some(present.velocity),
+            acceleration: Some(present.acceleration),
+        };
+        let implied = trajectory.points.first().is_some_and(|point| point.time_s > 0.0);
+        let points: Vec<&TrajectoryPoint> = implied.then_some(&start).into_iter().chain(&trajectory.points).collect();
+        let last = points.last().copied().unwrap_or(&start);
+        let rest = |time_s, position| TrajectoryPoint {
+            time_s,
+            position,
+            velocity: Some(Vector3::zeros()),
+            acceleration: Some(Vector3::zeros()),
+        };
+        let offset = present.position - points.first().copied().unwrap_or(&start).position;
+        Self {
+            pieces: points.windows(2).map(|pair| Piece::new(pair[0], pair[1])).collect(),
+            blend: Piece::new(&rest(0.0, offset), &rest(last.time_s, Vector3::zeros())),
+            end_s: last.time_s,
+            end: last.position,
+        }
+    }
+
+    pub(crate) fn end_s(&self) -> f64 {
+        self.end_s
+    }
+
+    pub(crate) fn at(&self, time_s: f64) -> State {
+        let next = self.pieces.partition_point(|piece| piece.start_s <= time_s);
+        match self.pieces.get(next.saturating_sub(1)) {
+            Some(piece) if time_s < self.end_s => piece.at(time_s) + self.blend.at(time_s),
+            _ => State { position: self.end, ..State::default() },
+        }
+    }
+}
+
+impl Piece {
+    fn new(from: &TrajectoryPoint, to: &TrajectoryPoint) -> Self {
+        let t = to.time_s - from.time_s;
+        let step = to.position - from.position;
+        let zero = Vector3::zeros();
+        let coefficients = match (from.velocity, to.velocity, from.acceleration, to.acceleration) {
+            (Some(v0), Some(v1), Some(a0), Some(a1)) => {
+                // The quintic through both positions, velocities and accelerations.
+                let (d, e, f) = (step - v0 * t - a0 * (0.5 * t * t), (v1 - v0 - a0 * t) * t, (a1 - a0) * (t * t));
+                [
+                    from.position,
+                    v0,
+                    a0 * 0.5,
+                    (d * 10.0 - e * 4.0 + f * 0.5) / t.powi(3),
+                    (d * -15.0 + e * 7.0 - f) / t.powi(4),
+                    (d * 6.0 - e * 3.0 + f * 0.5) / t.powi(5),
+                ]
+            }
+            (Some(v0), Some(v1), _, _) => [
+                from.position,
+                v0,
+                (step * 3.0 - (v0 * 2.0 + v1) * t) / t.powi(2),
+                (step * -2.0 + (v0 + v1) * t) / t.powi(3),
+                zero,
+                zero,
+            ],
+            _ => [from.position, step / t, zero, zero, zero, zero],
+        };
+        Self { start_s: from.time_s, coefficients }
+    }
+
+    fn at(&self, time_s: f64) -> State {
+        let t = time_s - self.start_s;
+        let [c0, c1, c2, c3, c4, c5] = &self.coefficients;
+        State {
+            position: c0 + (c1 + (c2 + (c3 + (c4 + c5 * t) * t) * t) * t) * t,
+            velocity: c1 + (c2 * 2.0 + (c3 * 3.0 + (c4 * 4.0 + c5 * (5.0 * t)) * t) * t) * t,
+            acceleration: c2 * 2.0 + (c3 * 6.0 + (c4 * 12.0 + c5 * (20.0 * t)) * t) * t,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(time_s: f64, x_m: f64) -> TrajectoryPoint {
+        let zero = Some(Vector3::zeros());
+        TrajectoryPoint { time_s, position: Vector3::new(x_m, 0.0, 0.0), velocity: zero, acceleration: zero }
+    }
+
+    #[test]
+    fn verif_a_quintic_from_rest_to_rest_is_the_smoothstep() {
+        let trajectory = Trajectory { points: vec![point(0.0, 0.0), point(2.0, 0.3)] };
+        let spline = Spline::new(&trajectory, &State::default());
+        for step in 0..=20 {
+            let x = f64::from(step) / 20.0;
+            let expected_m = 0.3 * x.powi(3) * (10.0 - 15.0 * x + 6.0 * x * x);
+            assert!((spline.at(2.0 * x).position.x - expected_m).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn interpolation_falls_back_to_cubic_and_to_linear() {
+        let cubic = |time_s, x_m| TrajectoryPoint { acceleration: None, ..point(time_s, x_m) };
+        let linear = |time_s, x_m| TrajectoryPoint { velocity: None, acceleration: None, ..point(time_s, x_m) };
+        let trajectory = Trajectory { points: vec![cubic(0.0, 0.0), cubic(1.0, 1.0)] };
+        assert!((Spline::new(&trajectory, &State::default()).at(0.25).position.x - 0.156_25).abs() < 1e-15);
+        let trajectory = Trajectory { points: vec![linear(0.0, 0.0), linear(1.0, 1.0)] };
+        assert!((Spline::new(&trajectory, &State::default()).at(0.25).position.x - 0.25).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_trajectory_without_a_point_at_zero_starts_from_the_present() {
+        let present = State { position: Vector3::new(0.1, 0.2, 0.0), ..State::default() };
+        let spline = Spline::new(&Trajectory { points: vec![point(1.0, 0.4)] }, &present);
+        assert_eq!(spline.at(0.0).position, present.position);
+        assert_eq!(spline.at(1.0).position, Vector3::new(0.4, 0.0, 0.0));
+    }
+
+    #[test]
+    fn a_start_that_is_nearly_right_is_blended_in() {
+        let present = State { position: Vector3::new(1e-5, 0.0, 0.0), ..State::default() };
+        let spline = Spline::new(&Trajectory { points: vec![point(0.0, 0.0), point(1.0, 0.4)] }, &present);
+        assert_eq!(spline.at(0.0).position, present.position);
+        assert!((spline.at(1.0 - 1e-9).position.x - 0.4).abs() < 1e-12);
+    }
+
+    #[test]
+    fn malformed_trajectories_are_refused_with_the_point_named() {
+        assert_eq!(Trajectory::default().validate(), Err(Rejection::Empty));
+        let unsorted = Trajectory { points: vec![point(0.0, 0.0), point(1.0, 0.1), point(1.0, 0.2)] };
+        assert_eq!(unsorted.validate(), Err(Rejection::Unsorted { index: 2, time_s: 1.0 }));
+        let mut bad = Trajectory { points: vec![point(0.0, 0.0), point(1.0, f64::NAN)] };
+        assert_eq!(bad.validate(), Err(Rejection::NotFinite { index: 1, field: "position" }));
+        bad.points[1] = TrajectoryPoint { velocity: Some(Vector3::new(0.1, 0.0, 0.0)), ..point(1.0, 0.1) };
+        assert_eq!(bad.validate(), Err(Rejection::MovingEnd));
+        assert!(matches!(Trajectory { points: vec![point(1e9, 0.0)] }.validate(), Err(Rejection::Duration { .. })));
+    }
+}
