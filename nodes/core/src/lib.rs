@@ -9,6 +9,7 @@
 
 pub mod courier;
 pub mod gravity;
+pub mod mechanics;
 pub mod motion;
 pub mod range;
 pub mod tray;
