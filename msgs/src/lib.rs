@@ -62,6 +62,12 @@ pub trait Message:
     const INFO: TypeInfo;
 }
 
+/// Something to be done for each message type, for code that knows a type by its name only; see [`visit_messages`].
+pub trait MessageVisitor {
+    /// Called once for each type.
+    fn visit<M: Message>(&mut self);
+}
+
 /// A service: a request and its response.
 pub trait Service: Send + Sync + 'static {
     /// What the client sends.

@@ -1,26 +1,17 @@
 //! Rust source of the definitions.
 //!
-//! The source is meant for `include!` at the root of a crate that has the traits `Message`, `Service` and `Action`, the
-//! struct `TypeInfo`, and the dependencies `serde`, `serde_bytes` and `serde-big-array`. Paths into `std` are written
-//! out because types such as `std_msgs/String` hide the names of the prelude.
+//! The source is meant for `include!` at the root of a crate that has the traits `Message`, `Service`, `Action` and
+//! `MessageVisitor`, the struct `TypeInfo`, and the dependencies `serde`, `serde_bytes` and `serde-big-array`. Paths into
+//! `std` are written out because types such as `std_msgs/String` hide the names of the prelude.
 
 use crate::{
     catalogue::Catalogue,
     error::{Error, Problem},
-    model::{Arity, Constant, Element, Field, FieldType, Role, Structure, TypeName, Value},
+    model::{Arity, Element, Field, FieldType, Role, Structure, TypeName},
+    rust::{
+        LARGEST_PLAIN_ARRAY, constant, default_of, docs, ident, needs_own_default, primitive_type,
+    },
 };
-
-/// serde and the standard library know arrays up to this length by themselves.
-const LARGEST_PLAIN_ARRAY: u32 = 32;
-
-/// Words that cannot be field names as they are.
-const KEYWORDS: &[&str] = &[
-    "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "crate",
-    "do", "dyn", "else", "enum", "extern", "false", "final", "fn", "for", "gen", "if", "impl",
-    "in", "let", "loop", "macro", "match", "mod", "move", "mut", "override", "priv", "pub", "ref",
-    "return", "self", "static", "struct", "super", "trait", "true", "try", "type", "typeof",
-    "unsafe", "unsized", "use", "virtual", "where", "while", "yield",
-];
 
 /// Emits the Rust source of all definitions; those of the package `own` lie at the root, others in their packages' modules.
 ///
@@ -39,15 +30,11 @@ pub fn emit(catalogue: &Catalogue, own: &str) -> Result<String, Error> {
         source += &if name == own {
             modules
         } else {
-            format!("/// Definitions of `{name}`.\npub mod {name} {{\n{modules}}}\n")
+            let module = ident(name);
+            format!("/// Definitions of `{name}`.\npub mod {module} {{\n{modules}}}\n")
         };
     }
-    let infos: String = structures
-        .iter()
-        .map(|structure| emitter.info_path(structure))
-        .collect();
-    source +=
-        &format!("/// All types, by name.\npub static TYPES: &[crate::TypeInfo] = &[\n{infos}];\n");
+    source += &emitter.registry(&structures);
     Ok(source)
 }
 
@@ -287,13 +274,28 @@ impl Emitter<'_> {
         )
     }
 
-    fn info_path(&self, structure: &Structure) -> String {
-        let role = match structure.role {
-            Role::Service => "Service",
-            Role::Action => "Action",
-            Role::Message | Role::Wrapper | Role::Event => "Message",
-        };
-        format!("<{} as crate::{role}>::INFO,\n", self.path(&structure.name))
+    /// What finds a type by its name at run time.
+    fn registry(&self, structures: &[&Structure]) -> String {
+        let mut infos = String::new();
+        let mut visits = String::new();
+        for structure in structures {
+            let path = self.path(&structure.name);
+            let kind = match structure.role {
+                Role::Service => "Service",
+                Role::Action => "Action",
+                Role::Message | Role::Wrapper | Role::Event => "Message",
+            };
+            infos += &format!("<{path} as crate::{kind}>::INFO,\n");
+            if kind == "Message" {
+                visits += &format!("visitor.visit::<{path}>();\n");
+            }
+        }
+        format!(
+            "/// All messages, services and actions, by name.\n\
+             pub static TYPES: &[crate::TypeInfo] = &[\n{infos}];\n\
+             /// Shows every message type to a visitor, by name.\n\
+             pub fn visit_messages(visitor: &mut impl crate::MessageVisitor) {{\n{visits}}}\n"
+        )
     }
 
     fn path(&self, name: &TypeName) -> String {
@@ -301,118 +303,7 @@ impl Emitter<'_> {
         if name.package == self.own {
             format!("crate::{folder}::{rust_name}")
         } else {
-            format!("crate::{}::{folder}::{rust_name}", name.package)
-        }
-    }
-}
-
-/// Documentation: a first line, if any, and a comment's lines as a paragraph of their own.
-fn docs(first: &str, comment: &[String]) -> String {
-    let gap = (!first.is_empty() && !comment.is_empty()).then_some("");
-    let first = (!first.is_empty()).then_some(first);
-    first
-        .into_iter()
-        .chain(gap)
-        .chain(comment.iter().map(String::as_str))
-        .map(|line| format!("/// {line}\n"))
-        .collect()
-}
-
-fn ident(name: &str) -> String {
-    match name {
-        // These three cannot be raw identifiers; CDR does not see the difference.
-        "crate" | "self" | "super" => format!("{name}_"),
-        _ if KEYWORDS.contains(&name) => format!("r#{name}"),
-        _ => name.to_owned(),
-    }
-}
-
-fn primitive_type(element: &Element) -> &'static str {
-    match element {
-        Element::Bool => "bool",
-        Element::Byte | Element::Char | Element::UInt8 => "u8",
-        Element::Float32 => "f32",
-        Element::Float64 => "f64",
-        Element::Int8 => "i8",
-        Element::Int16 => "i16",
-        Element::UInt16 => "u16",
-        Element::Int32 => "i32",
-        Element::UInt32 => "u32",
-        Element::Int64 => "i64",
-        Element::UInt64 => "u64",
-        Element::String { .. } | Element::WString { .. } | Element::Nested(_) => "&str",
-    }
-}
-
-fn constant(constant: &Constant) -> String {
-    let doc = if constant.doc.is_empty() {
-        docs(&format!("`{}`", constant.declared), &[])
-    } else {
-        docs("", &constant.doc)
-    };
-    let value = match &constant.value {
-        Value::Text(text) => format!("{text:?}"),
-        value => expression(value, Arity::One),
-    };
-    format!(
-        "{doc}pub const {}: {} = {value};\n",
-        constant.name,
-        primitive_type(&constant.element)
-    )
-}
-
-/// Whether a field's default is another than that of its Rust type, or its Rust type has none.
-fn needs_own_default(field: &Field) -> bool {
-    let large = matches!(field.ty.arity, Arity::Array(size) if size > LARGEST_PLAIN_ARRAY);
-    large
-        || field
-            .default
-            .as_ref()
-            .is_some_and(|value| !is_zero(value, field.ty.arity))
-}
-
-fn is_zero(value: &Value, arity: Arity) -> bool {
-    match value {
-        Value::Bool(value) => !value,
-        Value::Integer(value) => *value == 0,
-        // Not a comparison: -0.0 must stay what it is.
-        Value::Float32(value) => value.to_bits() == 0,
-        Value::Float64(value) => value.to_bits() == 0,
-        Value::Text(text) => text.is_empty(),
-        Value::List(values) => match arity {
-            Arity::Sequence { .. } => values.is_empty(),
-            Arity::One | Arity::Array(_) => values.iter().all(|value| is_zero(value, Arity::One)),
-        },
-    }
-}
-
-fn default_of(field: &Field) -> String {
-    match (&field.default, field.ty.arity) {
-        (Some(value), arity) => expression(value, arity),
-        (None, Arity::Array(size)) if size > LARGEST_PLAIN_ARRAY => {
-            "::core::array::from_fn(|_| ::core::default::Default::default())".to_owned()
-        }
-        (None, _) => "::core::default::Default::default()".to_owned(),
-    }
-}
-
-fn expression(value: &Value, arity: Arity) -> String {
-    match value {
-        Value::Bool(value) => value.to_string(),
-        Value::Integer(value) => value.to_string(),
-        Value::Float32(value) => format!("{value:?}"),
-        Value::Float64(value) => format!("{value:?}"),
-        Value::Text(value) => format!("::std::string::String::from({value:?})"),
-        Value::List(values) => {
-            let elements: Vec<_> = values
-                .iter()
-                .map(|value| expression(value, Arity::One))
-                .collect();
-            let elements = elements.join(", ");
-            match arity {
-                Arity::Sequence { .. } => format!("::std::vec![{elements}]"),
-                Arity::One | Arity::Array(_) => format!("[{elements}]"),
-            }
+            format!("crate::{}::{folder}::{rust_name}", ident(&name.package))
         }
     }
 }

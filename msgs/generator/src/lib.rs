@@ -22,6 +22,7 @@ mod error;
 mod hash;
 mod model;
 mod parse;
+mod rust;
 mod schema;
 mod source;
 mod value;

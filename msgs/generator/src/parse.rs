@@ -289,15 +289,10 @@ pub(crate) fn check_name(kind: &'static str, name: &str) -> Result<(), Problem> 
     })
 }
 
-/// A comment's text, fit for a Rust comment.
+/// A comment's text without what marks it as one.
 fn clean(comment: &str) -> String {
-    let text = comment
-        .trim_start_matches('#')
-        .replace(char::is_control, " ");
-    text.strip_prefix(' ')
-        .unwrap_or(&text)
-        .trim_end()
-        .to_owned()
+    let text = comment.trim_start_matches('#');
+    text.strip_prefix(' ').unwrap_or(text).trim_end().to_owned()
 }
 
 fn trim_blank(doc: &mut Vec<String>) {
