@@ -9,5 +9,6 @@
 
 pub mod gravity;
 pub mod motion;
+pub mod parts;
 pub mod tray;
 pub mod waveform;
