@@ -12,5 +12,6 @@ pub mod gravity;
 pub mod mechanics;
 pub mod motion;
 pub mod range;
+pub mod parts;
 pub mod tray;
 pub mod waveform;

@@ -1,0 +1,8 @@
+//! Parts in bulk against theory, tables and conservation.
+
+mod support;
+
+mod bulk;
+mod courier;
+mod feed;
+mod reference;
