@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    error::{Error, Problem},
+    error::{Error, Named, Problem},
     hash,
     model::{Arity, Body, Element, Field, FieldType, Namespace, Role, Structure, TypeName},
     parse::{self, LineProblem, Section},
@@ -54,17 +54,15 @@ impl Catalogue {
     }
 
     /// Hash of a type as ROS 2 gives it in discovery and bags: `RIHS01_` and 64 hexadecimal digits.
-    ///
-    /// A name that is not in the catalogue is hashed as a type without fields.
     #[must_use]
-    pub fn type_hash(&self, name: &TypeName) -> String {
-        hash::rihs01(self, name)
+    pub fn type_hash(&self, structure: &Structure) -> String {
+        hash::rihs01(self, structure)
     }
 
     /// Definition of a type, followed by those of all types it refers to, as bags carry it (`ros2msg`).
     #[must_use]
-    pub fn schema(&self, name: &TypeName) -> String {
-        schema::concatenated(self, name)
+    pub fn schema(&self, structure: &Structure) -> String {
+        schema::concatenated(self, structure)
     }
 
     /// All types that a type's fields refer to, directly or not.
@@ -87,8 +85,8 @@ impl Catalogue {
             namespace: source.namespace,
             name: source.name.clone(),
         };
-        parse::check_name("package", &name.package)
-            .and_then(|()| parse::check_name("message", &name.name))
+        parse::check_name(Named::Package, &name.package)
+            .and_then(|()| parse::check_name(Named::Message, &name.name))
             .map_err(|problem| LineProblem { line: 1, problem })?;
         match source.namespace {
             Namespace::Msg => {

@@ -85,7 +85,7 @@ impl Emitter<'_> {
         let mut source = format!(
             "{}#[derive(Clone, {copy}Debug, {default}PartialEq, ::serde::Serialize, ::serde::Deserialize)]\n\
              pub struct {name} {{\n{fields}}}\n",
-            docs(&self.summary(structure), &body.doc)
+            docs(&summary(structure), &body.doc)
         );
         if own_default {
             let values: String = body
@@ -124,31 +124,6 @@ impl Emitter<'_> {
             };
             in_place && !matches!(field.ty.arity, Arity::Sequence { .. })
         })
-    }
-
-    /// First sentence of a type's documentation.
-    fn summary(&self, structure: &Structure) -> String {
-        let full = &structure.name;
-        let owner = full.name.rsplit_once('_').map(|(owner, part)| {
-            let owner = TypeName {
-                name: owner.to_owned(),
-                ..full.clone()
-            };
-            (self.path(&owner), part)
-        });
-        match (structure.role, owner) {
-            (Role::Message | Role::Wrapper, Some((owner, part))) => {
-                let part = match part {
-                    "FeedbackMessage" => "Feedback message",
-                    part => part,
-                };
-                format!(
-                    "{part} of [`{}`]({owner}).",
-                    owner.rsplit("::").next().unwrap_or_default()
-                )
-            }
-            _ => format!("`{full}`"),
-        }
     }
 
     fn field(&self, field: &Field) -> Result<String, Problem> {
@@ -269,8 +244,8 @@ impl Emitter<'_> {
             name.package,
             name.namespace.as_str(),
             name.name,
-            self.catalogue.schema(name),
-            self.catalogue.type_hash(name)
+            self.catalogue.schema(structure),
+            self.catalogue.type_hash(structure)
         )
     }
 
@@ -305,5 +280,13 @@ impl Emitter<'_> {
         } else {
             format!("crate::{}::{folder}::{rust_name}", ident(&name.package))
         }
+    }
+}
+
+/// First line of a message's documentation.
+fn summary(structure: &Structure) -> String {
+    match structure.name.name.rsplit_once('_') {
+        Some((owner, part)) => format!("{part} of [`{}`].", owner.replace('_', "")),
+        None => format!("`{}`", structure.name),
     }
 }

@@ -1,4 +1,4 @@
-use std::{io, path::PathBuf};
+use std::{fmt, io, path::PathBuf};
 
 use crate::model::TypeName;
 
@@ -33,6 +33,30 @@ pub enum Error {
     },
 }
 
+/// What a name stands for, which decides on its form.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Named {
+    /// A package.
+    Package,
+    /// A message, service or action.
+    Message,
+    /// A field.
+    Field,
+    /// A constant.
+    Constant,
+}
+
+impl fmt::Display for Named {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Package => "package",
+            Self::Message => "message",
+            Self::Field => "field",
+            Self::Constant => "constant",
+        })
+    }
+}
+
 /// What is wrong with a line of a definition.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Problem {
@@ -43,7 +67,7 @@ pub enum Problem {
     #[error("`{name}` cannot name a {kind}: {rule}")]
     Name {
         /// What is named.
-        kind: &'static str,
+        kind: Named,
         /// The name found.
         name: String,
         /// What names of this kind look like.

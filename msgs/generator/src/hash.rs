@@ -4,18 +4,19 @@ use sha2::{Digest, Sha256};
 
 use crate::{
     catalogue::Catalogue,
-    model::{Arity, Element, FieldType, TypeName},
+    model::{Arity, Element, FieldType, Structure},
 };
 
-pub(crate) fn rihs01(catalogue: &Catalogue, name: &TypeName) -> String {
+pub(crate) fn rihs01(catalogue: &Catalogue, structure: &Structure) -> String {
     let referenced: Vec<_> = catalogue
-        .references(name)
+        .references(&structure.name)
         .into_iter()
-        .map(|reference| description(catalogue, reference))
+        .filter_map(|reference| catalogue.get(reference))
+        .map(description)
         .collect();
     let json = format!(
         r#"{{"type_description": {}, "referenced_type_descriptions": [{}]}}"#,
-        description(catalogue, name),
+        description(structure),
         referenced.join(", ")
     );
     let digest: String = Sha256::digest(json)
@@ -26,11 +27,11 @@ pub(crate) fn rihs01(catalogue: &Catalogue, name: &TypeName) -> String {
 }
 
 /// Names consist of ASCII letters, digits, underscores and slashes, so that JSON needs no escapes.
-fn description(catalogue: &Catalogue, name: &TypeName) -> String {
-    let fields: Vec<_> = catalogue
-        .get(name)
-        .into_iter()
-        .flat_map(|structure| &structure.body.fields)
+fn description(structure: &Structure) -> String {
+    let fields: Vec<_> = structure
+        .body
+        .fields
+        .iter()
         .map(|field| {
             format!(
                 r#"{{"name": "{}", "type": {}}}"#,
@@ -40,7 +41,8 @@ fn description(catalogue: &Catalogue, name: &TypeName) -> String {
         })
         .collect();
     format!(
-        r#"{{"type_name": "{name}", "fields": [{}]}}"#,
+        r#"{{"type_name": "{}", "fields": [{}]}}"#,
+        structure.name,
         fields.join(", ")
     )
 }

@@ -12,7 +12,9 @@
 //! };
 //! let catalogue = Catalogue::new(&[source])?;
 //! assert!(emit(&catalogue, "demo_msgs")?.contains("pub x_m: f64"));
-//! assert!(catalogue.type_hash(&TypeName::message("demo_msgs", "Spot")).starts_with("RIHS01_"));
+//!
+//! let spot = catalogue.get(&TypeName::message("demo_msgs", "Spot")).expect("just defined");
+//! assert!(catalogue.type_hash(spot).starts_with("RIHS01_"));
 //! # Ok::<(), minifactory_msggen::Error>(())
 //! ```
 
@@ -29,7 +31,7 @@ mod value;
 
 pub use catalogue::Catalogue;
 pub use emit::emit;
-pub use error::{Error, Problem};
+pub use error::{Error, Named, Problem};
 pub use model::{
     Arity, Body, Constant, Element, Field, FieldType, Namespace, Role, Structure, TypeName, Value,
 };

@@ -2,10 +2,10 @@
 //!
 //! It follows ROS 2's own parser, down to a `#` starting a comment even inside quotes.
 
-use std::collections::BTreeSet;
+use std::mem;
 
 use crate::{
-    error::Problem,
+    error::{Named, Problem},
     model::{Arity, Body, Constant, Element, Field, FieldType, TypeName},
     value,
 };
@@ -56,85 +56,49 @@ pub(crate) fn sections<const N: usize>(text: &str) -> Result<[Section; N], LineP
 /// Parses the fields and constants of a section; `package` is where types without a package are looked for.
 pub(crate) fn parse(section: &Section, package: &str) -> Result<Body, LineProblem> {
     let mut body = Body::default();
-    let mut names = BTreeSet::new();
+    let mut items: Vec<Item> = Vec::new();
     let mut comments = Vec::new();
     let mut in_header = true;
-    let mut last = Last::None;
-    for (index, line) in section.text.lines().enumerate() {
-        let number = section.first_line + index;
-        let (code, comment) = match line.split_once('#') {
+    for (line, text) in (section.first_line..).zip(section.text.lines()) {
+        let (code, comment) = match text.split_once('#') {
             Some((code, comment)) => (code, Some(clean(comment))),
-            None => (line, None),
+            None => (text, None),
         };
-        in_header &= line.starts_with('#');
-        let code = code.replace('\t', " ");
-        match comment {
-            Some(comment) if in_header => body.doc.push(comment),
+        let is_blank = code.trim().is_empty();
+        in_header &= text.starts_with('#');
+        if let Some(comment) = comment {
             // An indented comment goes on with what is above it.
-            Some(comment) if code.trim().is_empty() && !code.is_empty() => {
-                if let Some(doc) = last.doc(&mut body) {
-                    doc.push(comment);
-                }
-            }
-            Some(comment) => comments.push(comment),
-            None => {}
+            let is_indented = is_blank && !code.is_empty();
+            let doc = match items.last_mut() {
+                _ if in_header => &mut body.doc,
+                Some(above) if is_indented => above.doc_mut(),
+                _ => &mut comments,
+            };
+            doc.push(comment);
         }
-        if code.trim().is_empty() {
+        if is_blank {
             continue;
         }
-        let mut name_of = |item: &str| {
-            let fresh = names.insert(item.to_owned());
-            fresh
-                .then_some(())
-                .ok_or_else(|| Problem::Duplicate(item.to_owned()))
+        let code = code.replace('\t', " ");
+        let problem = match parse_line(code.trim_end(), package, line, mem::take(&mut comments)) {
+            Ok(item) if items.iter().all(|earlier| earlier.name() != item.name()) => {
+                items.push(item);
+                continue;
+            }
+            Ok(item) => Problem::Duplicate(item.name().to_owned()),
+            Err(problem) => problem,
         };
-        let item = parse_line(
-            code.trim_end(),
-            package,
-            number,
-            std::mem::take(&mut comments),
-        )
-        .and_then(|item| name_of(item.name()).map(|()| item))
-        .map_err(|problem| LineProblem {
-            line: number,
-            problem,
-        })?;
-        match item {
-            Item::Field(field) => {
-                body.fields.push(field);
-                last = Last::Field;
-            }
-            Item::Constant(constant) => {
-                body.constants.push(constant);
-                last = Last::Constant;
-            }
-        }
+        return Err(LineProblem { line, problem });
     }
     trim_blank(&mut body.doc);
-    for doc in body.fields.iter_mut().map(|field| &mut field.doc) {
-        trim_blank(doc);
-    }
-    for doc in body.constants.iter_mut().map(|constant| &mut constant.doc) {
-        trim_blank(doc);
-    }
-    Ok(body)
-}
-
-/// What the latest line with code has defined.
-enum Last {
-    None,
-    Field,
-    Constant,
-}
-
-impl Last {
-    fn doc<'a>(&self, body: &'a mut Body) -> Option<&'a mut Vec<String>> {
-        match self {
-            Self::None => None,
-            Self::Field => body.fields.last_mut().map(|field| &mut field.doc),
-            Self::Constant => body.constants.last_mut().map(|constant| &mut constant.doc),
+    for mut item in items {
+        trim_blank(item.doc_mut());
+        match item {
+            Item::Field(field) => body.fields.push(field),
+            Item::Constant(constant) => body.constants.push(constant),
         }
     }
+    Ok(body)
 }
 
 enum Item {
@@ -149,6 +113,13 @@ impl Item {
             Self::Constant(constant) => &constant.name,
         }
     }
+
+    fn doc_mut(&mut self) -> &mut Vec<String> {
+        match self {
+            Self::Field(field) => &mut field.doc,
+            Self::Constant(constant) => &mut constant.doc,
+        }
+    }
 }
 
 fn parse_line(code: &str, package: &str, line: usize, doc: Vec<String>) -> Result<Item, Problem> {
@@ -159,7 +130,7 @@ fn parse_line(code: &str, package: &str, line: usize, doc: Vec<String>) -> Resul
     let rest = rest.trim_start();
     if let Some((name, text)) = rest.split_once('=') {
         let (name, text) = (name.trim_end(), text.trim_start());
-        check_name("constant", name)?;
+        check_name(Named::Constant, name)?;
         let ty = parse_type(declared, package)?;
         if ty.arity != Arity::One || matches!(ty.element, Element::Nested(_)) {
             return Err(Problem::ConstantType(declared.to_owned()));
@@ -178,7 +149,7 @@ fn parse_line(code: &str, package: &str, line: usize, doc: Vec<String>) -> Resul
         }));
     }
     let (name, default) = rest.split_once(' ').unwrap_or((rest, ""));
-    check_name("field", name)?;
+    check_name(Named::Field, name)?;
     let ty = parse_type(declared, package)?;
     let default = match default.trim() {
         "" => None,
@@ -242,8 +213,8 @@ fn parse_element(text: &str, package: &str) -> Result<Element, Problem> {
                 return Ok(Element::WString { bound });
             }
             let (package, name) = text.split_once('/').unwrap_or((package, text));
-            check_name("package", package).map_err(|_| Problem::Type(text.to_owned()))?;
-            check_name("message", name).map_err(|_| Problem::Type(text.to_owned()))?;
+            check_name(Named::Package, package).map_err(|_| Problem::Type(text.to_owned()))?;
+            check_name(Named::Message, name).map_err(|_| Problem::Type(text.to_owned()))?;
             Element::Nested(TypeName::message(package, name))
         }
     })
@@ -256,8 +227,8 @@ fn parse_size(text: &str) -> Result<u32, Problem> {
     }
 }
 
-/// Checks the name of a `package`, `message`, `field` or `constant` against ROS 2's rules.
-pub(crate) fn check_name(kind: &'static str, name: &str) -> Result<(), Problem> {
+/// Checks a name against ROS 2's rules.
+pub(crate) fn check_name(kind: Named, name: &str) -> Result<(), Problem> {
     let parts = |allowed: fn(char) -> bool| {
         name.split('_')
             .all(|part| !part.is_empty() && part.chars().all(allowed))
@@ -266,15 +237,15 @@ pub(crate) fn check_name(kind: &'static str, name: &str) -> Result<(), Problem> 
     let lower = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit();
     let upper = |c: char| c.is_ascii_uppercase() || c.is_ascii_digit();
     let (valid, rule) = match kind {
-        "message" => (
+        Named::Message => (
             starts(|c| c.is_ascii_uppercase()) && name.chars().all(|c| c.is_ascii_alphanumeric()),
             "letters and digits, a capital first",
         ),
-        "constant" => (
+        Named::Constant => (
             starts(|c| c.is_ascii_uppercase()) && parts(upper),
             "capitals, digits and single underscores between them, a capital first",
         ),
-        _ => (
+        Named::Package | Named::Field => (
             starts(|c| c.is_ascii_lowercase()) && parts(lower),
             "small letters, digits and single underscores between them, a letter first",
         ),

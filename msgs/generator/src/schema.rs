@@ -2,14 +2,12 @@
 
 use crate::{
     catalogue::Catalogue,
-    model::{Arity, Element, FieldType, Role, TypeName},
+    model::{Arity, Element, FieldType, Role, Structure},
 };
 
 /// The definition of a type, then of each type it refers to, by name, each under a heading.
-pub(crate) fn concatenated(catalogue: &Catalogue, name: &TypeName) -> String {
-    let Some(structure) = catalogue.get(name) else {
-        return String::new();
-    };
+pub(crate) fn concatenated(catalogue: &Catalogue, structure: &Structure) -> String {
+    let name = &structure.name;
     // The text of a service or action states the fields of its parts itself.
     let parts: Vec<_> = match structure.role {
         Role::Service => ["_Request", "_Response"]

@@ -4,12 +4,12 @@ use minifactory_msggen::{Catalogue, Error, Namespace, Source, Structure, TypeNam
 
 /// Parses one message `demo_msgs/Spot`, whose fields may be `Point`s.
 pub(crate) fn parse(text: &str) -> Result<Structure, Error> {
-    let point = source(Namespace::Msg, "Point", "float64 x_m\n");
-    let catalogue = Catalogue::new(&[point, source(Namespace::Msg, "Spot", text)])?;
+    let catalogue = Catalogue::new(&with_needed([source(Namespace::Msg, "Spot", text)]))?;
     let spot = catalogue.get(&TypeName::message("demo_msgs", "Spot"));
     Ok(spot.expect("the message").clone())
 }
 
+/// A definition in the package `demo_msgs`.
 pub(crate) fn source(namespace: Namespace, name: &str, text: &str) -> Source {
     Source {
         package: "demo_msgs".to_owned(),
@@ -18,4 +18,19 @@ pub(crate) fn source(namespace: Namespace, name: &str, text: &str) -> Source {
         file: format!("{0}/{name}.{0}", namespace.as_str()).into(),
         text: text.to_owned(),
     }
+}
+
+/// Adds a message `Point`, and what services and actions need, with fields of no matter.
+pub(crate) fn with_needed<const N: usize>(sources: [Source; N]) -> Vec<Source> {
+    let of = |package: &str, name| Source {
+        package: package.to_owned(),
+        ..source(Namespace::Msg, name, "int32 a\n")
+    };
+    let needed = [
+        of("demo_msgs", "Point"),
+        of("service_msgs", "ServiceEventInfo"),
+        of("unique_identifier_msgs", "UUID"),
+        of("builtin_interfaces", "Time"),
+    ];
+    needed.into_iter().chain(sources).collect()
 }

@@ -102,7 +102,7 @@ fn hashes_equal_those_of_ros_2() {
             .structures()
             .find(|structure| structure.name.to_string() == name)
             .expect(name);
-        assert_eq!(catalogue.type_hash(&structure.name), expected, "{name}");
+        assert_eq!(catalogue.type_hash(structure), expected, "{name}");
     }
 }
 
@@ -114,5 +114,5 @@ fn names_order_as_their_text_does() {
         .structures()
         .map(|structure| &structure.name)
         .collect();
-    assert!(names.is_sorted_by_key(|name| name.to_string()));
+    assert!(names.is_sorted_by_key(ToString::to_string));
 }

@@ -1,6 +1,6 @@
 //! The emitted source. That it compiles and encodes as it should is tested where it is used.
 
-use crate::common::source;
+use crate::common::{source, with_needed};
 use minifactory_msggen::{Catalogue, Namespace, Source, emit};
 
 fn emitted(text: &str) -> String {
@@ -96,16 +96,10 @@ fn comments_become_documentation_and_cannot_break_out_of_it() {
 
 #[test]
 fn rust_names_must_differ() {
-    let info = source(Namespace::Msg, "Info", "");
-    let sources = [
-        Source {
-            package: "service_msgs".to_owned(),
-            name: "ServiceEventInfo".to_owned(),
-            ..info
-        },
+    let sources = with_needed([
         source(Namespace::Srv, "Do", "---\n"),
         source(Namespace::Srv, "DoRequest", "---\n"),
-    ];
+    ]);
     let found = Catalogue::new(&sources).expect_err("two types of one Rust name");
     assert!(
         found
