@@ -308,3 +308,11 @@ fn a_domain_beyond_the_last_port_is_refused() {
     let error = feeder_runtime::dds::Participant::open(&domain, &node).expect_err("no such ports");
     assert!(error.to_string().contains("233"), "{error}");
 }
+
+#[test]
+fn handles_may_be_shared_between_threads() {
+    fn shared<T: Send + Sync>() {}
+    shared::<feeder_runtime::dds::Participant>();
+    shared::<feeder_runtime::dds::Reader>();
+    shared::<feeder_runtime::dds::Writer>();
+}

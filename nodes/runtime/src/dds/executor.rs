@@ -4,7 +4,7 @@ use std::{
     future::Future,
     io,
     pin::Pin,
-    sync::mpsc,
+    sync::{Mutex, PoisonError, mpsc},
     task::{Context, Poll},
     thread::{self, JoinHandle, ThreadId},
 };
@@ -49,7 +49,7 @@ impl Executor {
         });
         Task {
             abort: task.abort_handle(),
-            ended,
+            ended: Mutex::new(ended),
             executor: self.thread.as_ref().map(|t| t.thread().id()),
         }
     }
@@ -76,7 +76,8 @@ impl Drop for Executor {
 /// A running task. Dropping it ends the task and waits until everything the task owned is gone.
 pub(super) struct Task {
     abort: AbortHandle,
-    ended: mpsc::Receiver<()>,
+    // Behind a lock only because a receiver cannot be shared between threads, and handles are.
+    ended: Mutex<mpsc::Receiver<()>>,
     executor: Option<ThreadId>,
 }
 
@@ -85,7 +86,11 @@ impl Drop for Task {
         self.abort.abort();
         if self.executor != Some(thread::current().id()) {
             // Nothing is ever sent: this returns when the task's end of the channel is dropped.
-            let _ = self.ended.recv();
+            let _ = self
+                .ended
+                .get_mut()
+                .unwrap_or_else(PoisonError::into_inner)
+                .recv();
         }
     }
 }
