@@ -8,6 +8,7 @@
 //! plateau \[Θ, 2π), and the drop-off back to the foot of the ramp lies at 2π.
 
 pub mod courier;
+pub mod delivery;
 pub mod gravity;
 pub mod motion;
 pub mod range;
