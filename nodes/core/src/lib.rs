@@ -8,10 +8,11 @@
 //! plateau \[Θ, 2π), and the drop-off back to the foot of the ramp lies at 2π.
 
 pub mod courier;
+pub mod delivery;
 pub mod gravity;
 pub mod mechanics;
 pub mod motion;
-pub mod range;
 pub mod parts;
+pub mod range;
 pub mod tray;
 pub mod waveform;

@@ -24,6 +24,7 @@ mod vibrator;
 
 pub use config::CourierConfig;
 pub use driver::CourierDriver;
+pub(crate) use limits::check_range;
 pub use limits::{AXES, CourierLimits, LimitViolation, Load};
 pub use rejection::Rejection;
 pub use report::{DriverEvent, DriverStatus, Fault, GoalHandle, GoalOutcome, StepOutput};

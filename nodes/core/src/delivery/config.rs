@@ -1,0 +1,123 @@
+//! What a delivery planner is set up with.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use nalgebra::{Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::plan::GentleParameters;
+use crate::courier::check_range;
+use crate::range::OutOfRange;
+
+/// Which parts a move must not disturb.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Policy {
+    /// The part to be delivered, and with it whatever lies on the plateau.
+    #[default]
+    Selected,
+    /// Every part seen on the plateau, and parts anywhere on the ramp from a given radius outwards.
+    All,
+}
+
+/// A delivery planner's parameters.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DeliveryConfig {
+    /// Where the courier feeds and the camera sees the plateau: x, y (m) and yaw (rad) on the platen.
+    pub feeding_place: Vector3<f64>,
+    /// Where each station's tool axis meets the platen's plane, by the station's name, m.
+    pub stations_m: BTreeMap<String, Vector2<f64>>,
+    /// How gently parts are carried.
+    pub gentle: GentleParameters,
+    /// Which parts a move must not disturb.
+    pub policy: Policy,
+    /// Radius in the tray from which on parts on the ramp are protected by [`Policy::All`], m.
+    pub protected_ramp_radius_m: f64,
+    /// Least confidence of a candidate.
+    pub confidence_min: f64,
+    /// Least distance from a candidate to its neighbours that leaves room for the gripper, m.
+    pub clearance_m_min: f64,
+    /// Smallest tolerance of position a request may ask for, m: what vision and courier can promise.
+    pub tolerance_m_min: f64,
+    /// Time for parts to come to rest after the courier has, s.
+    pub settle_s: f64,
+    /// Images of the parts at rest that are looked at before feeding goes on.
+    pub looks: u32,
+    /// Shortest feeding between two looks, s.
+    pub feed_s_min: f64,
+    /// Feeding without a fitting part after which a warning is given, s.
+    pub starvation_s: f64,
+    /// Longest wait for the courier to come to rest after feeding was switched off, s.
+    pub stop_timeout_s: f64,
+    /// Longest wait for an image, s.
+    pub look_timeout_s: f64,
+    /// Longest time a move may take beyond its duration, s.
+    pub move_grace_s: f64,
+    /// Longest wait for the manipulator's report, s.
+    pub hand_over_timeout_s: f64,
+    /// Wait before a failed return is tried again, s.
+    pub retry_s: f64,
+    /// Failed returns after which the planner gives up and waits for a reset.
+    pub retries_max: u32,
+}
+
+impl Default for DeliveryConfig {
+    fn default() -> Self {
+        Self {
+            feeding_place: Vector3::zeros(),
+            stations_m: BTreeMap::new(),
+            gentle: GentleParameters::default(),
+            policy: Policy::default(),
+            protected_ramp_radius_m: 0.06,
+            confidence_min: 0.5,
+            clearance_m_min: 1e-3,
+            tolerance_m_min: 0.2e-3,
+            settle_s: 0.05,
+            looks: 2,
+            feed_s_min: 0.5,
+            starvation_s: 30.0,
+            stop_timeout_s: 3.0,
+            look_timeout_s: 2.0,
+            move_grace_s: 2.0,
+            hand_over_timeout_s: 10.0,
+            retry_s: 1.0,
+            retries_max: 3,
+        }
+    }
+}
+
+impl DeliveryConfig {
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// The first parameter that is not finite or out of range.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
+        self.gentle.validate()?;
+        for coordinate in &self.feeding_place {
+            check_range("feeding_place", *coordinate, -10.0, 10.0)?;
+        }
+        for coordinate_m in self.stations_m.values().flatten() {
+            check_range("stations_m", *coordinate_m, -10.0, 10.0)?;
+        }
+        check_range("protected_ramp_radius_m", self.protected_ramp_radius_m, 1e-3, 1.0)?;
+        check_range("confidence_min", self.confidence_min, 0.0, 1.0)?;
+        check_range("clearance_m_min", self.clearance_m_min, 0.0, 0.1)?;
+        check_range("tolerance_m_min", self.tolerance_m_min, 1e-6, 0.1)?;
+        check_range("settle_s", self.settle_s, 0.0, 10.0)?;
+        check_range("looks", f64::from(self.looks), 1.0, 100.0)?;
+        check_range("feed_s_min", self.feed_s_min, 0.0, 60.0)?;
+        check_range("starvation_s", self.starvation_s, 0.1, 3600.0)?;
+        check_range("stop_timeout_s", self.stop_timeout_s, 0.1, 60.0)?;
+        check_range("look_timeout_s", self.look_timeout_s, 0.1, 60.0)?;
+        check_range("move_grace_s", self.move_grace_s, 0.1, 60.0)?;
+        check_range("hand_over_timeout_s", self.hand_over_timeout_s, 0.1, 3600.0)?;
+        check_range("retry_s", self.retry_s, 0.01, 60.0)?;
+        check_range("retries_max", f64::from(self.retries_max), 0.0, 100.0)
+    }
+
+    pub(crate) fn settle(&self) -> Duration {
+        Duration::from_secs_f64(self.settle_s)
+    }
+}

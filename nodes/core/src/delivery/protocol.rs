@@ -1,0 +1,195 @@
+//! What goes into a delivery sequencer and what comes out.
+
+use std::time::Duration;
+
+use nalgebra::{Vector2, Vector3};
+use thiserror::Error;
+
+use super::choice::Choice;
+use super::plan::{MovePlan, PlanError};
+
+/// A point in time, since the start of the run's clock.
+pub type Stamp = Duration;
+
+/// Names an accepted request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct DeliveryId(pub u64);
+
+/// Names a commanded move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct MoveId(pub u64);
+
+/// What an agent asks for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DeliveryRequest {
+    /// The station to bring a part to.
+    pub station: String,
+    /// Class of part wanted, as the catalogue names it.
+    pub part_class: String,
+    /// Resting pose wanted, as the catalogue names it; empty: any.
+    pub pose_class: String,
+    /// Largest horizontal distance allowed between part and tool axis, m.
+    pub tolerance_m: f64,
+    /// When to give up, from the request on; nothing: never.
+    pub timeout: Option<Duration>,
+}
+
+/// Why a request or a report was refused.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum Refusal {
+    /// The station is not known.
+    #[error("station {station:?} is unknown; known are {known:?}")]
+    UnknownStation {
+        /// The station asked for.
+        station: String,
+        /// Those there are.
+        known: Vec<String>,
+    },
+    /// No place of the courier brings any part of the tray under the station.
+    #[error("station {station:?} is {beyond_m:.4} m beyond the courier's reach")]
+    OutOfReach {
+        /// The station asked for.
+        station: String,
+        /// By how much the tray's rim misses it, m.
+        beyond_m: f64,
+    },
+    /// The tolerance is no finite number, negative, or finer than can be promised.
+    #[error("a tolerance of {tolerance_m} m cannot be promised; allowed are {min_m} m and more")]
+    Tolerance {
+        /// The tolerance asked for, m.
+        tolerance_m: f64,
+        /// The finest that can be promised, m.
+        min_m: f64,
+    },
+    /// The delivery does not wait for a hand-over's report.
+    #[error("delivery {} does not wait for a report", .0.0)]
+    NotPresented(DeliveryId),
+    /// The planner is in fault.
+    #[error("the planner is in fault: {0}")]
+    Fault(String),
+}
+
+/// What the courier driver reports.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CourierReport {
+    /// When.
+    pub stamp: Stamp,
+    /// Position of the tray on the platen: x, y (m) and yaw (rad).
+    pub position: Vector3<f64>,
+    /// The vibration runs or fades.
+    pub vibrating: bool,
+    /// A trajectory is being followed.
+    pub moving: bool,
+}
+
+/// Where the planner stands in its sequence.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// Nothing is asked for.
+    Idle,
+    /// Vibrating so that parts come onto the plateau.
+    Feeding,
+    /// Feeding was switched off, the vibration ends.
+    Stopping,
+    /// Parts come to rest.
+    Settling,
+    /// Waiting for an image of the parts at rest.
+    Looking,
+    /// Carrying the chosen part to the station.
+    Moving,
+    /// The part waits under the station's tool.
+    Presented,
+    /// Driving back to the feeding place.
+    Returning,
+    /// Given up; waiting for a reset.
+    Fault,
+}
+
+/// A part under a station.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Delivered {
+    /// Position of the part relative to the station's tool axis, m, along the platen's axes.
+    pub part_in_station_m: Vector2<f64>,
+    /// Orientation of the part on the platen, rad.
+    pub yaw_rad: f64,
+    /// What was chosen, and from which image.
+    pub choice: Choice,
+}
+
+/// Why a delivery failed.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum Failure {
+    /// The agent cancelled it.
+    #[error("cancelled")]
+    Cancelled,
+    /// The request's own time ran out.
+    #[error("timed out while {0:?}")]
+    TimedOut(Phase),
+    /// The generator refused to switch feeding.
+    #[error("feeding could not be switched: {0}")]
+    FeedRefused(String),
+    /// The courier did not come to rest after feeding was switched off.
+    #[error("the courier did not stop vibrating")]
+    DidNotStop,
+    /// No image came.
+    #[error("no image of the plateau came")]
+    NoImage,
+    /// There is no move to the station.
+    #[error("no move to the station: {0}")]
+    Plan(#[from] PlanError),
+    /// The driver refused the move or could not finish it.
+    #[error("the move failed: {0}")]
+    Move(String),
+    /// The part came to rest beside the tool axis, or the courier never said that it had arrived.
+    #[error("the part did not arrive under the station within the tolerance")]
+    DidNotArrive,
+    /// The manipulator did not report.
+    #[error("nobody reported the hand-over")]
+    NoHandOver,
+    /// The manipulator did not take the part.
+    #[error("the part was not taken")]
+    NotTaken,
+    /// The planner is in fault.
+    #[error("the planner is in fault: {0}")]
+    Fault(String),
+}
+
+/// What an operator should know of.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum Warning {
+    /// Feeding brings no fitting part.
+    #[error("no fitting part since {0:?}: load parts or check the class asked for")]
+    Starved(Duration),
+    /// The courier could not return to the feeding place.
+    #[error("the return to the feeding place failed: {0}")]
+    ReturnFailed(String),
+    /// The generator refused to switch feeding while nothing depended on it.
+    #[error("feeding could not be switched: {0}")]
+    FeedRefused(String),
+}
+
+/// What the sequencer wants done or known.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Output {
+    /// Switch feeding on or off.
+    Feed(bool),
+    /// Execute a move.
+    Move(MoveId, MovePlan),
+    /// Bring a move to rest before its end.
+    CancelMove(MoveId),
+    /// A new phase, the delivery it serves, and when the part will be presented, as far as known.
+    Phase {
+        /// The phase.
+        phase: Phase,
+        /// The delivery under way.
+        delivery: Option<DeliveryId>,
+        /// Expected time of presentation.
+        presented_at: Option<Stamp>,
+    },
+    /// The part lies under the station and waits to be taken.
+    Presented(DeliveryId, Delivered),
+    /// A delivery ended.
+    Finished(DeliveryId, Result<Delivered, Failure>),
+    /// Something to tell the operator.
+    Warning(Warning),
+}
