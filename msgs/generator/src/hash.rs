@@ -1,0 +1,90 @@
+//! Type hashes after REP-2011: SHA-256 over the JSON form of a type's description and of all it refers to.
+
+use sha2::{Digest, Sha256};
+
+use crate::{
+    catalogue::Catalogue,
+    model::{Arity, Element, FieldType, TypeName},
+};
+
+pub(crate) fn rihs01(catalogue: &Catalogue, name: &TypeName) -> String {
+    let referenced: Vec<_> = catalogue
+        .references(name)
+        .into_iter()
+        .map(|reference| description(catalogue, reference))
+        .collect();
+    let json = format!(
+        r#"{{"type_description": {}, "referenced_type_descriptions": [{}]}}"#,
+        description(catalogue, name),
+        referenced.join(", ")
+    );
+    let digest: String = Sha256::digest(json)
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect();
+    format!("RIHS01_{digest}")
+}
+
+/// Names consist of ASCII letters, digits, underscores and slashes, so that JSON needs no escapes.
+fn description(catalogue: &Catalogue, name: &TypeName) -> String {
+    let fields: Vec<_> = catalogue
+        .get(name)
+        .into_iter()
+        .flat_map(|structure| &structure.body.fields)
+        .map(|field| {
+            format!(
+                r#"{{"name": "{}", "type": {}}}"#,
+                field.name,
+                field_type(&field.ty)
+            )
+        })
+        .collect();
+    format!(
+        r#"{{"type_name": "{name}", "fields": [{}]}}"#,
+        fields.join(", ")
+    )
+}
+
+fn field_type(ty: &FieldType) -> String {
+    let (offset, capacity) = match ty.arity {
+        Arity::One => (0, 0),
+        Arity::Array(size) => (48, size),
+        Arity::Sequence { bound: Some(bound) } => (96, bound),
+        Arity::Sequence { bound: None } => (144, 0),
+    };
+    let string_capacity = match ty.element {
+        Element::String { bound } | Element::WString { bound } => bound.unwrap_or(0),
+        _ => 0,
+    };
+    let nested = match &ty.element {
+        Element::Nested(name) => name.to_string(),
+        _ => String::new(),
+    };
+    let id = offset + element_id(&ty.element);
+    format!(
+        r#"{{"type_id": {id}, "capacity": {capacity}, "string_capacity": {string_capacity}, "nested_type_name": "{nested}"}}"#
+    )
+}
+
+/// The constants of `type_description_interfaces/msg/FieldType`.
+fn element_id(element: &Element) -> u32 {
+    match element {
+        Element::Nested(_) => 1,
+        Element::Int8 => 2,
+        Element::UInt8 | Element::Char => 3,
+        Element::Int16 => 4,
+        Element::UInt16 => 5,
+        Element::Int32 => 6,
+        Element::UInt32 => 7,
+        Element::Int64 => 8,
+        Element::UInt64 => 9,
+        Element::Float32 => 10,
+        Element::Float64 => 11,
+        Element::Bool => 15,
+        Element::Byte => 16,
+        Element::String { bound: None } => 17,
+        Element::WString { bound: None } => 18,
+        Element::String { bound: Some(_) } => 21,
+        Element::WString { bound: Some(_) } => 22,
+    }
+}

@@ -1,0 +1,36 @@
+//! Turns ROS 2 interface definitions (`.msg`, `.srv`, `.action`) into Rust source, concatenated schemas and type hashes.
+//!
+//! ```
+//! use minifactory_msggen::{Catalogue, Namespace, Source, TypeName, emit};
+//!
+//! let source = Source {
+//!     package: "demo_msgs".into(),
+//!     namespace: Namespace::Msg,
+//!     name: "Spot".into(),
+//!     file: "msg/Spot.msg".into(),
+//!     text: "float64 x_m\n".into(),
+//! };
+//! let catalogue = Catalogue::new(&[source])?;
+//! assert!(emit(&catalogue, "demo_msgs")?.contains("pub x_m: f64"));
+//! assert!(catalogue.type_hash(&TypeName::message("demo_msgs", "Spot")).starts_with("RIHS01_"));
+//! # Ok::<(), minifactory_msggen::Error>(())
+//! ```
+
+mod catalogue;
+mod emit;
+mod error;
+mod hash;
+mod model;
+mod parse;
+mod rust;
+mod schema;
+mod source;
+mod value;
+
+pub use catalogue::Catalogue;
+pub use emit::emit;
+pub use error::{Error, Problem};
+pub use model::{
+    Arity, Body, Constant, Element, Field, FieldType, Namespace, Role, Structure, TypeName, Value,
+};
+pub use source::Source;

@@ -1,0 +1,304 @@
+//! The language of definitions: one field or constant a line, comments after `#`.
+//!
+//! It follows ROS 2's own parser, down to a `#` starting a comment even inside quotes.
+
+use std::collections::BTreeSet;
+
+use crate::{
+    error::Problem,
+    model::{Arity, Body, Constant, Element, Field, FieldType, TypeName},
+    value,
+};
+
+/// A problem and the line it is in, from 1.
+#[derive(Debug, PartialEq)]
+pub(crate) struct LineProblem {
+    pub(crate) line: usize,
+    pub(crate) problem: Problem,
+}
+
+/// A part of a file, between separators.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) struct Section {
+    /// Number of the section's first line in the file, from 1.
+    pub(crate) first_line: usize,
+    /// Text, ending with a line feed unless empty.
+    pub(crate) text: String,
+}
+
+/// Cuts a file at its `---` lines into as many sections as its kind of interface has.
+pub(crate) fn sections<const N: usize>(text: &str) -> Result<[Section; N], LineProblem> {
+    let mut sections = vec![Section {
+        first_line: 1,
+        text: String::new(),
+    }];
+    for (index, line) in text.lines().enumerate() {
+        if line == "---" && N > 1 {
+            sections.push(Section {
+                first_line: index + 2,
+                text: String::new(),
+            });
+        } else if let Some(section) = sections.last_mut() {
+            section.text.push_str(line);
+            section.text.push('\n');
+        }
+    }
+    let found = sections.len() - 1;
+    sections.try_into().map_err(|_| LineProblem {
+        line: 1,
+        problem: Problem::Sections {
+            found,
+            expected: N - 1,
+        },
+    })
+}
+
+/// Parses the fields and constants of a section; `package` is where types without a package are looked for.
+pub(crate) fn parse(section: &Section, package: &str) -> Result<Body, LineProblem> {
+    let mut body = Body::default();
+    let mut names = BTreeSet::new();
+    let mut comments = Vec::new();
+    let mut in_header = true;
+    let mut last = Last::None;
+    for (index, line) in section.text.lines().enumerate() {
+        let number = section.first_line + index;
+        let (code, comment) = match line.split_once('#') {
+            Some((code, comment)) => (code, Some(clean(comment))),
+            None => (line, None),
+        };
+        in_header &= line.starts_with('#');
+        let code = code.replace('\t', " ");
+        match comment {
+            Some(comment) if in_header => body.doc.push(comment),
+            // An indented comment goes on with what is above it.
+            Some(comment) if code.trim().is_empty() && !code.is_empty() => {
+                if let Some(doc) = last.doc(&mut body) {
+                    doc.push(comment);
+                }
+            }
+            Some(comment) => comments.push(comment),
+            None => {}
+        }
+        if code.trim().is_empty() {
+            continue;
+        }
+        let mut name_of = |item: &str| {
+            let fresh = names.insert(item.to_owned());
+            fresh
+                .then_some(())
+                .ok_or_else(|| Problem::Duplicate(item.to_owned()))
+        };
+        let item = parse_line(
+            code.trim_end(),
+            package,
+            number,
+            std::mem::take(&mut comments),
+        )
+        .and_then(|item| name_of(item.name()).map(|()| item))
+        .map_err(|problem| LineProblem {
+            line: number,
+            problem,
+        })?;
+        match item {
+            Item::Field(field) => {
+                body.fields.push(field);
+                last = Last::Field;
+            }
+            Item::Constant(constant) => {
+                body.constants.push(constant);
+                last = Last::Constant;
+            }
+        }
+    }
+    trim_blank(&mut body.doc);
+    for doc in body.fields.iter_mut().map(|field| &mut field.doc) {
+        trim_blank(doc);
+    }
+    for doc in body.constants.iter_mut().map(|constant| &mut constant.doc) {
+        trim_blank(doc);
+    }
+    Ok(body)
+}
+
+/// What the latest line with code has defined.
+enum Last {
+    None,
+    Field,
+    Constant,
+}
+
+impl Last {
+    fn doc<'a>(&self, body: &'a mut Body) -> Option<&'a mut Vec<String>> {
+        match self {
+            Self::None => None,
+            Self::Field => body.fields.last_mut().map(|field| &mut field.doc),
+            Self::Constant => body.constants.last_mut().map(|constant| &mut constant.doc),
+        }
+    }
+}
+
+enum Item {
+    Field(Field),
+    Constant(Constant),
+}
+
+impl Item {
+    fn name(&self) -> &str {
+        match self {
+            Self::Field(field) => &field.name,
+            Self::Constant(constant) => &constant.name,
+        }
+    }
+}
+
+fn parse_line(code: &str, package: &str, line: usize, doc: Vec<String>) -> Result<Item, Problem> {
+    let (declared, rest) = code
+        .split_once(' ')
+        .filter(|(declared, rest)| !declared.is_empty() && !rest.trim().is_empty())
+        .ok_or_else(|| Problem::NoName(code.to_owned()))?;
+    let rest = rest.trim_start();
+    if let Some((name, text)) = rest.split_once('=') {
+        let (name, text) = (name.trim_end(), text.trim_start());
+        check_name("constant", name)?;
+        let ty = parse_type(declared, package)?;
+        if ty.arity != Arity::One || matches!(ty.element, Element::Nested(_)) {
+            return Err(Problem::ConstantType(declared.to_owned()));
+        }
+        let value = value::parse_element(&ty.element, text).map_err(|rule| Problem::Value {
+            value: text.to_owned(),
+            ty: declared.to_owned(),
+            rule,
+        })?;
+        return Ok(Item::Constant(Constant {
+            element: ty.element,
+            name: name.to_owned(),
+            value,
+            declared: format!("{declared} {name}={text}"),
+            doc,
+        }));
+    }
+    let (name, default) = rest.split_once(' ').unwrap_or((rest, ""));
+    check_name("field", name)?;
+    let ty = parse_type(declared, package)?;
+    let default = match default.trim() {
+        "" => None,
+        text => Some(value::parse_default(&ty, declared, text)?),
+    };
+    Ok(Item::Field(Field {
+        ty,
+        name: name.to_owned(),
+        default,
+        declared: declared.to_owned(),
+        doc,
+        line,
+    }))
+}
+
+fn parse_type(declared: &str, package: &str) -> Result<FieldType, Problem> {
+    let (element, arity) = match declared.strip_suffix(']').map(|rest| rest.rsplit_once('[')) {
+        None => (declared, Arity::One),
+        Some(None) => return Err(Problem::Type(declared.to_owned())),
+        Some(Some((element, ""))) => (element, Arity::Sequence { bound: None }),
+        Some(Some((element, size))) => match size.strip_prefix("<=") {
+            Some(bound) => (
+                element,
+                Arity::Sequence {
+                    bound: Some(parse_size(bound)?),
+                },
+            ),
+            None => (element, Arity::Array(parse_size(size)?)),
+        },
+    };
+    Ok(FieldType {
+        element: parse_element(element, package)?,
+        arity,
+    })
+}
+
+fn parse_element(text: &str, package: &str) -> Result<Element, Problem> {
+    Ok(match text {
+        "bool" => Element::Bool,
+        "byte" => Element::Byte,
+        "char" => Element::Char,
+        "float32" => Element::Float32,
+        "float64" => Element::Float64,
+        "int8" => Element::Int8,
+        "uint8" => Element::UInt8,
+        "int16" => Element::Int16,
+        "uint16" => Element::UInt16,
+        "int32" => Element::Int32,
+        "uint32" => Element::UInt32,
+        "int64" => Element::Int64,
+        "uint64" => Element::UInt64,
+        "string" => Element::String { bound: None },
+        "wstring" => Element::WString { bound: None },
+        _ => {
+            if let Some(bound) = text.strip_prefix("string<=") {
+                let bound = Some(parse_size(bound)?);
+                return Ok(Element::String { bound });
+            }
+            if let Some(bound) = text.strip_prefix("wstring<=") {
+                let bound = Some(parse_size(bound)?);
+                return Ok(Element::WString { bound });
+            }
+            let (package, name) = text.split_once('/').unwrap_or((package, text));
+            check_name("package", package).map_err(|_| Problem::Type(text.to_owned()))?;
+            check_name("message", name).map_err(|_| Problem::Type(text.to_owned()))?;
+            Element::Nested(TypeName::message(package, name))
+        }
+    })
+}
+
+fn parse_size(text: &str) -> Result<u32, Problem> {
+    match text.parse() {
+        Ok(size) if size > 0 && !text.starts_with('+') => Ok(size),
+        _ => Err(Problem::Size(text.to_owned())),
+    }
+}
+
+/// Checks the name of a `package`, `message`, `field` or `constant` against ROS 2's rules.
+pub(crate) fn check_name(kind: &'static str, name: &str) -> Result<(), Problem> {
+    let parts = |allowed: fn(char) -> bool| {
+        name.split('_')
+            .all(|part| !part.is_empty() && part.chars().all(allowed))
+    };
+    let starts = |allowed: fn(char) -> bool| name.starts_with(allowed);
+    let lower = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit();
+    let upper = |c: char| c.is_ascii_uppercase() || c.is_ascii_digit();
+    let (valid, rule) = match kind {
+        "message" => (
+            starts(|c| c.is_ascii_uppercase()) && name.chars().all(|c| c.is_ascii_alphanumeric()),
+            "letters and digits, a capital first",
+        ),
+        "constant" => (
+            starts(|c| c.is_ascii_uppercase()) && parts(upper),
+            "capitals, digits and single underscores between them, a capital first",
+        ),
+        _ => (
+            starts(|c| c.is_ascii_lowercase()) && parts(lower),
+            "small letters, digits and single underscores between them, a letter first",
+        ),
+    };
+    if valid {
+        return Ok(());
+    }
+    Err(Problem::Name {
+        kind,
+        name: name.to_owned(),
+        rule,
+    })
+}
+
+/// A comment's text without what marks it as one.
+fn clean(comment: &str) -> String {
+    let text = comment.trim_start_matches('#');
+    text.strip_prefix(' ').unwrap_or(text).trim_end().to_owned()
+}
+
+fn trim_blank(doc: &mut Vec<String>) {
+    while doc.last().is_some_and(String::is_empty) {
+        doc.pop();
+    }
+    let blank = doc.iter().take_while(|line| line.is_empty()).count();
+    doc.drain(..blank);
+}
