@@ -3,6 +3,7 @@
 //! - [`Domain`]: which domain, and how far discovery reaches, as `ROS_DOMAIN_ID` and its kin say.
 //! - [`Participant`]: one node's presence on the network. It announces the node and its endpoints
 //!   on `ros_discovery_info`, so that `ros2 node` and `ros2 topic` list them.
+//! - [`Server`], [`Client`]: services, in the wire forms of Fast DDS and Cyclone DDS alike.
 //! - [`Writer`], [`Reader`]: topics, as bytes ([`crate::cdr`] makes them from messages).
 //!
 //! # Threads
@@ -24,6 +25,7 @@
 //! - Buffers of [`SOCKET_BUFFER_BYTES`] are asked of the system, which may grant less:
 //!   raise `net.core.rmem_max` and `net.core.wmem_max`.
 
+mod client;
 mod domain;
 mod error;
 mod executor;
@@ -34,8 +36,11 @@ mod peers;
 mod qos;
 mod raw;
 mod reader;
+mod server;
+mod wire;
 mod writer;
 
+pub use client::{Call, CallError, Client, Reply};
 pub use domain::{DiscoveryRange, Domain};
 pub use error::{DdsError, PublishError};
 pub use graph::{Endpoint, Graph, NodeInfo};
@@ -44,6 +49,7 @@ pub use participant::Participant;
 pub use qos::{Durability, Qos, Reliability};
 pub use raw::{Guid, Sample, SampleId};
 pub use reader::Reader;
+pub use server::{ReplyHandle, Request, Server, ServerCounts};
 pub use writer::Writer;
 
 /// The largest body in bytes that leaves in one datagram over the loopback interface

@@ -13,7 +13,7 @@ use tokio::{runtime, sync::oneshot, task::AbortHandle};
 
 /// Runs tasks on a thread of its own. Dropping it drops the tasks and joins the thread.
 pub(super) struct Executor {
-    handle: runtime::Handle,
+    spawner: Spawner,
     stop: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -33,8 +33,12 @@ impl Executor {
                 // Ends by the message or by the sender's end; both mean stop.
                 let _ = runtime.block_on(stopped);
             })?;
-        Ok(Self {
+        let spawner = Spawner {
             handle,
+            thread: thread.thread().id(),
+        };
+        Ok(Self {
+            spawner,
             stop: Some(stop),
             thread: Some(thread),
         })
@@ -43,20 +47,38 @@ impl Executor {
     /// Starts a task; it ends when it is done or when the returned handle is dropped.
     pub(super) fn spawn(&self, future: impl Future<Output = ()> + Send + 'static) -> Task {
         let (alive, ended) = mpsc::channel();
-        let task = self.handle.spawn(Tracked {
+        let task = self.spawner.handle.spawn(Tracked {
             future: Box::pin(future),
             _alive: alive,
         });
         Task {
             abort: task.abort_handle(),
             ended: Mutex::new(ended),
-            executor: self.thread.as_ref().map(|t| t.thread().id()),
+            spawner: self.spawner.clone(),
         }
     }
 
-    /// Starts a task that runs until it is done or the executor ends.
-    pub(super) fn spawn_detached(&self, future: impl Future<Output = ()> + Send + 'static) {
+    pub(super) fn spawner(&self) -> &Spawner {
+        &self.spawner
+    }
+}
+
+/// Starts tasks on an executor without keeping it alive.
+#[derive(Clone)]
+pub(super) struct Spawner {
+    handle: runtime::Handle,
+    thread: ThreadId,
+}
+
+impl Spawner {
+    /// Starts a task that runs until it is done or the executor ends; after that it is dropped at once.
+    pub(super) fn spawn(&self, future: impl Future<Output = ()> + Send + 'static) {
         self.handle.spawn(future);
+    }
+
+    /// Whether this is the executor's own thread.
+    pub(super) fn is_current_thread(&self) -> bool {
+        self.thread == thread::current().id()
     }
 }
 
@@ -66,7 +88,7 @@ impl Drop for Executor {
         if let Some(thread) = self.thread.take() {
             // A thread cannot join itself: that happens when a callback owned the last handle of
             // its own participant.
-            if thread.thread().id() != thread::current().id() && thread.join().is_err() {
+            if !self.spawner.is_current_thread() && thread.join().is_err() {
                 tracing::error!("the DDS thread had panicked");
             }
         }
@@ -78,13 +100,13 @@ pub(super) struct Task {
     abort: AbortHandle,
     // Behind a lock only because a receiver cannot be shared between threads, and handles are.
     ended: Mutex<mpsc::Receiver<()>>,
-    executor: Option<ThreadId>,
+    spawner: Spawner,
 }
 
 impl Drop for Task {
     fn drop(&mut self) {
         self.abort.abort();
-        if self.executor != Some(thread::current().id()) {
+        if !self.spawner.is_current_thread() {
             // Nothing is ever sent: this returns when the task's end of the channel is dropped.
             let _ = self
                 .ended

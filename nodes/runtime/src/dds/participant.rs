@@ -18,7 +18,7 @@ use ros2_client::{
 use super::{
     DdsError, DiscoveryRange, Domain, Graph, Guid, NodeName, Qos, Reader, SOCKET_BUFFER_BYTES,
     Sample, Writer,
-    executor::Executor,
+    executor::{Executor, Spawner},
     graph::{self, Nodes},
     names::dds_name,
     raw::{Raw, RawAdapter, RawReader, RawWriter},
@@ -89,7 +89,7 @@ impl Participant {
         let executor = Executor::start(&format!("dds {}", node.name()))
             .map_err(|error| refuse(error.to_string()))?;
         let nodes = Arc::new(Nodes::default());
-        executor.spawn_detached(super::reader::drain_into(reader, {
+        executor.spawner().spawn(super::reader::drain_into(reader, {
             let nodes = nodes.clone();
             move |sample| nodes.take(&sample)
         }));
@@ -165,6 +165,10 @@ impl Participant {
         self.inner.domain
     }
 
+    pub(super) fn spawner(&self) -> Spawner {
+        self.inner.executor.spawner().clone()
+    }
+
     /// A writer of a topic given by its DDS name.
     pub(super) fn writer_of(
         &self,
@@ -181,7 +185,7 @@ impl Participant {
         };
         let raw = make().map_err(|error| endpoint_error("writer", name, &error))?;
         let guid = raw.guid().into();
-        let writer = Writer::start(self.inner.clone(), raw, name.into(), dds_type, *qos);
+        let writer = Writer::start(self.inner.clone(), raw, name, dds_type, *qos);
         self.inner.announcement().change(|a| a.writers.insert(guid));
         Ok(writer)
     }

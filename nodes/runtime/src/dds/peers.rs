@@ -1,20 +1,19 @@
 use std::{
     collections::BTreeSet,
-    sync::{
-        Mutex, PoisonError,
-        atomic::{AtomicUsize, Ordering},
-    },
+    sync::atomic::{AtomicUsize, Ordering},
 };
 
 use futures::{FutureExt, Stream, StreamExt, pin_mut};
+use tokio::sync::watch;
 
 use super::Guid;
 
 /// The endpoints of other participants that an endpoint of ours has matched.
 #[derive(Default)]
 pub(super) struct Peers {
+    // Beside the set, so that counting never waits for a change.
     count: AtomicUsize,
-    matched: Mutex<BTreeSet<Guid>>,
+    matched: watch::Sender<BTreeSet<Guid>>,
 }
 
 /// What happened to a match.
@@ -29,6 +28,14 @@ pub(super) enum PeerEvent {
 impl Peers {
     pub(super) fn count(&self) -> usize {
         self.count.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn matched(&self) -> BTreeSet<Guid> {
+        self.matched.borrow().clone()
+    }
+
+    pub(super) fn subscribe(&self) -> watch::Receiver<BTreeSet<Guid>> {
+        self.matched.subscribe()
     }
 
     /// Follows the events of an endpoint. Its queue in the DDS library is short (four events) and
@@ -66,8 +73,9 @@ impl Peers {
     }
 
     fn change(&self, change: impl FnOnce(&mut BTreeSet<Guid>)) {
-        let mut matched = self.matched.lock().unwrap_or_else(PoisonError::into_inner);
-        change(&mut matched);
-        self.count.store(matched.len(), Ordering::Relaxed);
+        self.matched.send_modify(|matched| {
+            change(matched);
+            self.count.store(matched.len(), Ordering::Relaxed);
+        });
     }
 }

@@ -95,6 +95,10 @@ impl Reader {
         self.peers.count()
     }
 
+    pub(super) fn peers(&self) -> Arc<Peers> {
+        self.peers.clone()
+    }
+
     /// Samples that came in an encoding that cannot be read, each logged with its reason.
     #[must_use]
     pub fn refused(&self) -> u64 {

@@ -17,51 +17,60 @@ use super::{
 
 /// A publication. Any thread may publish.
 pub struct Writer {
-    // Dropped in this order: the task shares the endpoint, the participant goes last.
+    // Dropped in this order: the task shares the outlet, the participant goes last.
     task: Option<Task>,
-    raw: Arc<RawWriter>,
-    peers: Arc<Peers>,
-    topic: Arc<str>,
-    qos: Qos,
+    outlet: Arc<Outlet>,
     participant: Arc<Inner>,
+}
+
+/// What of a writer may outlive its handle, and does not keep the participant alive: replies on
+/// their way need it.
+pub(super) struct Outlet {
+    raw: RawWriter,
+    pub(super) peers: Peers,
+    topic: String,
+    qos: Qos,
 }
 
 impl Writer {
     pub(super) fn start(
         participant: Arc<Inner>,
         raw: RawWriter,
-        topic: Arc<str>,
+        topic: &str,
         dds_type: &str,
         qos: Qos,
     ) -> Self {
-        let raw = Arc::new(raw);
-        let peers = Arc::new(Peers::default());
+        let outlet = Arc::new(Outlet {
+            raw,
+            peers: Peers::default(),
+            topic: topic.to_owned(),
+            qos,
+        });
         let watch = {
-            let (raw, peers, topic) = (raw.clone(), peers.clone(), topic.clone());
-            let (domain_participant, dds_type) =
-                (participant.domain_participant.clone(), dds_type.to_owned());
+            let (outlet, dds_type) = (outlet.clone(), dds_type.to_owned());
+            let domain_participant = participant.domain_participant.clone();
             async move {
                 let discovered = || {
                     graph::readers(&domain_participant)
                         .into_iter()
-                        .filter(|reader| reader.topic == *topic && reader.dds_type == dds_type)
+                        .filter(|reader| {
+                            reader.topic == outlet.topic && reader.dds_type == dds_type
+                        })
                         .filter(|reader| qos.serves(reader.reliability, reader.durability))
                         .map(|reader| reader.guid)
                         .collect()
                 };
-                let events = raw
+                let events = outlet
+                    .raw
                     .as_async_status_stream()
                     .map(|status| peer_event(&status));
-                peers.follow(&topic, events, discovered).await;
+                outlet.peers.follow(&outlet.topic, events, discovered).await;
             }
         };
         let task = Some(participant.executor.spawn(watch));
         Self {
             task,
-            raw,
-            peers,
-            topic,
-            qos,
+            outlet,
             participant,
         }
     }
@@ -72,16 +81,47 @@ impl Writer {
     /// [`PublishError::Full`] gives the body back when a reliable reader has fallen behind,
     /// [`PublishError::Closed`] when the middleware has failed.
     pub fn publish(&self, payload: Bytes) -> Result<(), PublishError> {
-        self.send(payload, None, None)
+        self.outlet.send(payload, None, None).map(|_| ())
     }
 
-    /// Publishes to one reader only, or as the answer to some sample, or both.
+    /// DDS name of the topic.
+    #[must_use]
+    pub fn topic(&self) -> &str {
+        &self.outlet.topic
+    }
+
+    /// The identity under which peers see this writer.
+    #[must_use]
+    pub fn guid(&self) -> Guid {
+        self.outlet.raw.guid().into()
+    }
+
+    /// Readers of other participants that this writer serves now.
+    #[must_use]
+    pub fn matched_readers(&self) -> usize {
+        self.outlet.peers.count()
+    }
+
+    pub(super) fn outlet(&self) -> Arc<Outlet> {
+        self.outlet.clone()
+    }
+}
+
+impl Drop for Writer {
+    fn drop(&mut self) {
+        self.task.take();
+        self.participant.withdraw_writer(self.guid());
+    }
+}
+
+impl Outlet {
+    /// Publishes to one reader only, or as the answer to some sample, or both; returns the sequence number.
     pub(super) fn send(
         &self,
         payload: Bytes,
         reader: Option<Guid>,
         related: Option<SampleId>,
-    ) -> Result<(), PublishError> {
+    ) -> Result<i64, PublishError> {
         let mut options = WriteOptionsBuilder::new()
             .source_timestamp(Timestamp::now())
             .related_sample_identity_opt(related.map(SampleId::to_dds));
@@ -98,42 +138,23 @@ impl Writer {
             .async_write_with_options(sample, options.build())
             .now_or_never()
         {
-            Some(Ok(_)) => Ok(()),
+            Some(Ok(id)) => Ok(id.sequence_number.into()),
             None | Some(Err(WriteError::WouldBlock { .. })) => Err(PublishError::Full {
-                topic: self.topic.to_string(),
+                topic: self.topic.clone(),
                 backlog: self.qos.backlog.into(),
                 payload,
             }),
             Some(Err(error)) => Err(PublishError::Closed {
-                topic: self.topic.to_string(),
+                topic: self.topic.clone(),
                 reason: error.to_string(),
             }),
         }
     }
 
-    /// DDS name of the topic.
-    #[must_use]
-    pub fn topic(&self) -> &str {
-        &self.topic
-    }
-
-    /// The identity under which peers see this writer.
-    #[must_use]
-    pub fn guid(&self) -> Guid {
-        self.raw.guid().into()
-    }
-
-    /// Readers of other participants that this writer serves now.
-    #[must_use]
-    pub fn matched_readers(&self) -> usize {
-        self.peers.count()
-    }
-}
-
-impl Drop for Writer {
-    fn drop(&mut self) {
-        self.task.take();
-        self.participant.withdraw_writer(self.guid());
+    /// Waits until every matched reliable reader has all that was sent so far.
+    pub(super) async fn acknowledged(&self) {
+        // An error means that the writer is closed: nothing more will be acknowledged.
+        let _ = self.raw.async_wait_for_acknowledgments().await;
     }
 }
 

@@ -1,0 +1,250 @@
+use std::{
+    fmt,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+    time::Duration,
+};
+
+use bytes::Bytes;
+use serde::de::DeserializeOwned;
+use tokio::time::{sleep, timeout};
+
+use super::{
+    DdsError, Guid, Participant, PublishError, Qos, Reader, Writer,
+    executor::Spawner,
+    names::dds_name,
+    wire::{self, RequestForm},
+    writer::Outlet,
+};
+use crate::cdr::{self, CdrError};
+
+/// How long a reply waits for the client's reply reader to be found. Some clients' readers are
+/// found seconds after their first request.
+const MATCH_PATIENCE: Duration = Duration::from_secs(5);
+/// How long a reply waits to be acknowledged before it is sent again: doubled each time.
+const FIRST_RESEND_AFTER: Duration = Duration::from_millis(100);
+/// How often a reply is sent before it is given up. Clients drop what they receive twice.
+const SEND_COUNT_MAX: u32 = 4;
+/// Pause before a reply that found the writer full is tried again.
+const FULL_PAUSE: Duration = Duration::from_millis(5);
+
+impl Participant {
+    /// Offers a service, e.g. `/feeder/load_parts`, to clients of either wire form. Requests go to
+    /// `deliver` on the participant's thread, which must return soon (see [the module](super)); the
+    /// answer may be given at any time, from any thread, through [`Request::reply`].
+    ///
+    /// # Errors
+    /// [`DdsError::Name`] for a bad name, [`DdsError::Endpoint`] when the middleware refuses.
+    pub fn server(
+        &self,
+        name: &str,
+        request_dds_type: &str,
+        response_dds_type: &str,
+        mut deliver: impl FnMut(Request) + Send + 'static,
+    ) -> Result<Server, DdsError> {
+        let qos = Qos::service();
+        let request_topic = dds_name("service", "rq", name, "Request")?;
+        let writer = self.writer_of(
+            &dds_name("service", "rr", name, "Reply")?,
+            response_dds_type,
+            &qos,
+        )?;
+        let counters = Arc::new(Counters::default());
+        let service: Arc<str> = name.into();
+        let reader = self.reader_of(&request_topic, request_dds_type, &qos, {
+            let (counters, service) = (counters.clone(), service.clone());
+            let (outlet, spawner) = (writer.outlet(), self.spawner());
+            move |sample| {
+                counters.requests.fetch_add(1, Ordering::Relaxed);
+                let reply = |form| ReplyHandle {
+                    service: service.clone(),
+                    outlet: outlet.clone(),
+                    spawner: spawner.clone(),
+                    counters: counters.clone(),
+                    client: sample.writer_guid,
+                    form,
+                };
+                match wire::read_request(&sample) {
+                    Ok((form, payload)) => {
+                        deliver(Request {
+                            payload,
+                            little_endian: sample.little_endian,
+                            reply: reply(form),
+                        });
+                    }
+                    Err(error) => counters.refuse(&service, sample.writer_guid, &error),
+                }
+            }
+        })?;
+        Ok(Server {
+            _reader: reader,
+            writer,
+            counters,
+            service,
+        })
+    }
+}
+
+/// A service on offer, until dropped.
+pub struct Server {
+    // Dropped in this order: no request is taken that could not be answered.
+    _reader: Reader,
+    writer: Writer,
+    counters: Arc<Counters>,
+    service: Arc<str>,
+}
+
+impl Server {
+    /// Name of the service.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.service
+    }
+
+    /// Clients that are there now.
+    #[must_use]
+    pub fn clients(&self) -> usize {
+        self.writer.matched_readers()
+    }
+
+    /// What has become of the requests so far.
+    #[must_use]
+    pub fn counts(&self) -> ServerCounts {
+        ServerCounts {
+            requests: self.counters.requests.load(Ordering::Relaxed),
+            refused: self.counters.refused.load(Ordering::Relaxed),
+            replies_lost: self.counters.replies_lost.load(Ordering::Relaxed),
+        }
+    }
+}
+
+/// What has become of a server's requests; each refusal and loss is logged with its reason.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ServerCounts {
+    /// Requests that came.
+    pub requests: u64,
+    /// Those that could not be read.
+    pub refused: u64,
+    /// Replies whose client was not found, or never acknowledged them.
+    pub replies_lost: u64,
+}
+
+#[derive(Default)]
+struct Counters {
+    requests: AtomicU64,
+    refused: AtomicU64,
+    replies_lost: AtomicU64,
+}
+
+impl Counters {
+    fn refuse(&self, service: &str, client: Guid, reason: &dyn fmt::Display) {
+        self.refused.fetch_add(1, Ordering::Relaxed);
+        tracing::warn!(service, %client, "request refused: {reason}");
+    }
+
+    fn lose_reply(&self, service: &str, client: Guid, reason: &dyn fmt::Display) {
+        self.replies_lost.fetch_add(1, Ordering::Relaxed);
+        tracing::warn!(service, %client, "reply lost: {reason}");
+    }
+}
+
+/// A request to a [`Server`].
+#[derive(Debug)]
+pub struct Request {
+    /// CDR body of the request.
+    pub payload: Bytes,
+    /// Its byte order.
+    pub little_endian: bool,
+    /// Where the answer goes.
+    pub reply: ReplyHandle,
+}
+
+impl Request {
+    /// Reads the body as a message.
+    ///
+    /// # Errors
+    /// [`CdrError`] when the body is not one of type `T`; pass it to [`ReplyHandle::refuse`].
+    pub fn decode<T: DeserializeOwned>(&self) -> Result<T, CdrError> {
+        cdr::decode(&self.payload, self.little_endian)
+    }
+}
+
+/// The right to answer one request. Dropped unused, the client gets no answer.
+pub struct ReplyHandle {
+    service: Arc<str>,
+    outlet: Arc<Outlet>,
+    spawner: Spawner,
+    counters: Arc<Counters>,
+    client: Guid,
+    form: RequestForm,
+}
+
+impl ReplyHandle {
+    /// Answers with a little-endian CDR body. Returns at once: the reply waits for the client's reader
+    /// to be found and is sent again until acknowledged, without holding up other replies.
+    pub fn send(self, body: Bytes) {
+        let spawner = self.spawner.clone();
+        spawner.spawn(async move {
+            if let Err(reason) = self.deliver(body).await {
+                self.counters
+                    .lose_reply(&self.service, self.client, &reason);
+            }
+        });
+    }
+
+    /// Gives no answer, because the request made no sense: the reason is logged and the request counted.
+    pub fn refuse(self, reason: &dyn fmt::Display) {
+        self.counters.refuse(&self.service, self.client, reason);
+    }
+
+    /// The client's request writer.
+    #[must_use]
+    pub fn client(&self) -> Guid {
+        self.client
+    }
+
+    async fn deliver(&self, body: Bytes) -> Result<(), String> {
+        let readers = {
+            let mut peers = self.outlet.peers.subscribe();
+            let found =
+                peers.wait_for(|matched| !self.form.reply_readers(self.client, matched).is_empty());
+            match timeout(MATCH_PATIENCE, found).await {
+                Ok(Ok(matched)) => self.form.reply_readers(self.client, &matched),
+                Ok(Err(_)) => return Err("the server has closed".to_owned()),
+                Err(_) => {
+                    return Err(format!(
+                        "the client's reply reader was not found in {MATCH_PATIENCE:?}"
+                    ));
+                }
+            }
+        };
+        let (payload, related) = self.form.reply(body);
+        for turn in 0..SEND_COUNT_MAX {
+            for reader in &readers {
+                while let Err(error) = self.outlet.send(payload.clone(), Some(*reader), related) {
+                    match error {
+                        PublishError::Full { .. } => sleep(FULL_PAUSE).await,
+                        PublishError::Closed { reason, .. } => return Err(reason),
+                    }
+                }
+            }
+            if timeout(FIRST_RESEND_AFTER * (1 << turn), self.outlet.acknowledged())
+                .await
+                .is_ok()
+            {
+                return Ok(());
+            }
+        }
+        Err(format!(
+            "not acknowledged, though sent {SEND_COUNT_MAX} times"
+        ))
+    }
+}
+
+impl fmt::Debug for ReplyHandle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "ReplyHandle({} to {})", self.service, self.client)
+    }
+}
