@@ -15,7 +15,7 @@ use feeder_core::tray::{Surface, TrayGeometry};
 use feeder_core::waveform::{Axis, OptimalDesign, Waveform};
 use nalgebra::Vector3;
 use proptest::prelude::*;
-use reference::{assert_close, table};
+use reference::{assert_close, bisect, table};
 use rk4::Rk4;
 
 const T30: f64 = 1.0 / 30.0;
@@ -191,26 +191,19 @@ fn val_fig15_critical_radius_and_rise_limit() {
 
 /// The largest rise over half a turn that parts still climb at a radius, mm.
 fn largest_rise_mm(radius_m: f64, waveform: &Waveform) -> f64 {
-    let (mut low, mut high) = (1e-4, 0.04);
-    for _ in 0..50 {
-        let middle = (low + high) / 2.0;
+    let climbs = |rise_m: f64| {
         let tray = TrayGeometry {
-            rise_m: middle,
+            rise_m,
             ..TrayGeometry::PAPER
         };
         let track = AnnularTrack::new(tray, Friction::uniform(0.2).unwrap(), G).unwrap();
-        let steady = TrayMap::new(&track, waveform)
+        let drive = TrayMap::new(&track, waveform)
             .unwrap()
             .drive(radius_m, Surface::Ramp)
-            .unwrap()
-            .steady();
-        if steady.is_some_and(|steady| steady.feed_m_s > 1e-12) {
-            low = middle
-        } else {
-            high = middle
-        }
-    }
-    (low + high) / 2.0 * 1e3
+            .unwrap();
+        drive.steady().is_some_and(|steady| steady.feed_m_s > 1e-12)
+    };
+    bisect(1e-4, 0.04, climbs) * 1e3
 }
 
 #[test]
@@ -658,12 +651,7 @@ proptest! {
             outward.hypot(along * cos + G * sin) - 0.2 * (G * cos - along * sin)
         };
         prop_assume!(hold(0.0) < 0.0);
-        let (mut low, mut high) = (0.0, 50.0);
-        for _ in 0..60 {
-            let middle = (low + high) / 2.0;
-            if hold(middle) < 0.0 { low = middle } else { high = middle }
-        }
-        let a = low * share;
+        let a = bisect(0.0, 50.0, |a| hold(a) < 0.0) * share;
         let motion = MotionSample {
             acceleration: Vector3::new(a * (psi + towards).cos(), a * (psi + towards).sin(), 0.0),
             ..MotionSample::default()

@@ -13,7 +13,7 @@ use feeder_core::mechanics::equations::{
 use feeder_core::mechanics::slope::{Drive, Steady, Track};
 use feeder_core::waveform::{Axis, OptimalDesign, Segment, Waveform};
 use proptest::prelude::*;
-use reference::{assert_close, table};
+use reference::{assert_close, bisect, table};
 
 const T30: f64 = 1.0 / 30.0;
 
@@ -52,17 +52,10 @@ fn fig11(mu: f64) -> Waveform {
 
 /// Slope at which the feed falls to zero, degrees.
 fn zero_feed_slope_deg(waveform: &Waveform, mu: f64) -> f64 {
-    let (mut low, mut high) = (0.0, 20.0);
-    for _ in 0..60 {
-        let middle = (low + high) / 2.0;
-        // A standstill counts as zero feed; 1e-9 mm/s is rounding.
-        if feed_mm_s(waveform, mu, middle) > 1e-9 {
-            low = middle
-        } else {
-            high = middle
-        }
-    }
-    (low + high) / 2.0
+    // A standstill counts as zero feed; 1e-9 mm/s is rounding.
+    bisect(0.0, 20.0, |slope_deg| {
+        feed_mm_s(waveform, mu, slope_deg) > 1e-9
+    })
 }
 
 /// The tables print about 12 significant digits of speeds of the order of 10 mm/s.

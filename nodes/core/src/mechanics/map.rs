@@ -6,7 +6,6 @@ use super::MechanicsError;
 use super::annular::{AnnularTrack, PartState};
 use super::slope::{Drive, Steady, Track};
 use crate::motion::MotionSample;
-use crate::range::OutOfRange;
 use crate::tray::Surface;
 use crate::waveform::{Axis, Waveform};
 
@@ -66,16 +65,7 @@ impl<'a> TrayMap<'a> {
     ///
     /// If the radius is off the tray, or the part leaves the surface.
     pub fn drive(&self, radius_m: f64, surface: Surface) -> Result<Drive, MechanicsError> {
-        let tray = self.track.tray();
-        OutOfRange::unless(
-            radius_m >= tray.inner_radius_m && radius_m <= tray.outer_radius_m,
-            "radius_m",
-            radius_m,
-            format_args!(
-                "{} to {} (on the tray)",
-                tray.inner_radius_m, tray.outer_radius_m
-            ),
-        )?;
+        self.track.check_radius(radius_m)?;
         Track::new(
             self.track.friction(),
             self.slope_rad(radius_m, surface),
