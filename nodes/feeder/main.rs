@@ -1,27 +1,54 @@
 //! The `feeder` command: each subcommand lives in a module of its own, this file only names them.
 
 mod analysis;
+mod crew;
+mod scenario_file;
+mod summary;
+mod table;
+mod up;
+mod view;
 
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// A miniature mobile parts feeder.
+/// A miniature mobile parts feeder. Without a subcommand the built-in scenario runs.
 #[derive(Debug, Parser)]
-#[command(version, arg_required_else_help = true)]
+#[command(version)]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Up(up::UpArgs),
+    Check(scenario_file::CheckArgs),
+    Node(NodeArgs),
     FeedRate(analysis::feed_rate::Args),
     TrayMap(analysis::tray_map::Args),
 }
 
+/// Run one node of a scenario.
+#[derive(Debug, clap::Args)]
+struct NodeArgs {
+    /// Name of the node
+    #[arg(value_parser = clap::builder::PossibleValuesParser::new(table::NODES.iter().map(|entry| entry.name)))]
+    name: String,
+    /// Options of the node; `feeder node NAME -- --help` lists them
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    options: Vec<OsString>,
+}
+
 fn main() -> ExitCode {
-    let outcome = match Cli::parse().command {
+    let outcome = match Cli::parse().command.unwrap_or_else(|| Command::Up(up::UpArgs::default())) {
+        Command::Up(args) => {
+            feeder_runtime::log_to_stderr();
+            up::run(&args)
+        }
+        Command::Check(args) => scenario_file::check(&args),
+        Command::Node(args) => return node(args),
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),
     };
@@ -31,5 +58,12 @@ fn main() -> ExitCode {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE
         }
+    }
+}
+
+fn node(args: NodeArgs) -> ExitCode {
+    match table::NODES.iter().find(|entry| entry.name == args.name) {
+        Some(entry) => (entry.main)(args.options),
+        None => ExitCode::FAILURE,
     }
 }

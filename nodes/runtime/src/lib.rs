@@ -5,4 +5,12 @@
 
 pub mod cdr;
 pub mod dds;
+pub mod digest;
+pub mod launch;
+pub mod lockstep;
+pub mod node;
+mod program;
+mod public;
 pub mod testing;
+
+pub use program::{log_to_stderr, main, main_with};

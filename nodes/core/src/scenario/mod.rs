@@ -1,0 +1,347 @@
+//! A scenario: everything a run depends on, in one YAML file.
+
+mod waveform;
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use crate::camera::{CameraModel, FaceAppearance, LightModel, MountedTray, PartAppearance, Scene, SensorModel, TrayAppearance};
+use crate::courier::CourierConfig;
+use crate::delivery::DeliveryConfig;
+use crate::manipulator::ManipulatorConfig;
+use crate::parts::{BulkSettings, PartType};
+use crate::range::OutOfRange;
+use crate::selection::SelectorConfig;
+use crate::waveform::Waveform;
+pub use waveform::WaveformSpec;
+
+/// The scenario that runs when none is named.
+pub const BUILT_IN: &str = include_str!("../../../../launch_configs/default.yaml");
+
+/// Everything a run depends on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scenario {
+    /// Name of the feeder; its nodes live in the namespace of this name.
+    pub feeder: String,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// When the run ends, and when it may end early.
+    pub run: RunSection,
+    /// Ticks and delays of the simulated loop.
+    #[serde(default)]
+    pub time: TimeSection,
+    /// The tray and how it sits on the courier.
+    pub tray: MountedTray,
+    /// The vibration that feeds.
+    pub waveform: WaveformSpec,
+    /// The courier and its driver.
+    #[serde(default)]
+    pub courier: CourierConfig,
+    /// The parts.
+    pub part: PartType,
+    /// How the parts behave in bulk.
+    #[serde(default)]
+    pub bulk: BulkSettings,
+    /// How many parts are loaded at the start.
+    pub parts_loaded: u32,
+    /// The camera.
+    pub camera: CameraSection,
+    /// The vision selector.
+    #[serde(default)]
+    pub selector: SelectorConfig,
+    /// The delivery planner. Its stations are those of `stations`.
+    #[serde(default)]
+    pub delivery: DeliveryConfig,
+    /// Where parts are delivered to, and who takes them there.
+    pub stations: Vec<Station>,
+}
+
+/// When a run ends.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunSection {
+    /// Simulated time after which the run ends, s.
+    pub duration_s: f64,
+    /// Parts delivered after which it ends earlier.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub goal_delivered: Option<u32>,
+}
+
+/// Ticks of simulated time, and how late one node hears another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TimeSection {
+    /// Length of a tick, ms.
+    pub tick_ms: u64,
+    /// Delay from cause to effect, ticks.
+    pub forward_delay_ticks: u64,
+    /// Delay from what is seen to what is done about it, ticks: the latency that decisions have in a real cell.
+    pub feedback_delay_ticks: u64,
+    /// How far nodes may run ahead of each other, ticks. It changes no result.
+    pub window_ticks: u64,
+}
+
+impl Default for TimeSection {
+    fn default() -> Self {
+        Self { tick_ms: 10, forward_delay_ticks: 1, feedback_delay_ticks: 10, window_ticks: 32 }
+    }
+}
+
+impl TimeSection {
+    /// Length of a tick, ns.
+    #[must_use]
+    pub fn tick_ns(&self) -> u64 {
+        self.tick_ms * 1_000_000
+    }
+
+    /// Length of a tick, s.
+    #[must_use]
+    pub fn tick_s(&self) -> f64 {
+        std::time::Duration::from_millis(self.tick_ms).as_secs_f64()
+    }
+}
+
+/// The camera above the feeding place.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraSection {
+    /// Time between frames, ms; a whole number of ticks.
+    pub period_ms: u64,
+    /// Quality of the compressed image, 1 to 100.
+    pub jpeg_quality: u8,
+    /// Optics, size and place, as calibrated.
+    pub model: CameraModel,
+    /// How the faces of the parts look, one for each resting pose.
+    pub faces: Vec<FaceAppearance>,
+    /// Reflectance of the sides of the parts, 0 to 1.
+    pub side_reflectance: f64,
+    /// How tray and platen look.
+    #[serde(default)]
+    pub tray: TrayAppearance,
+    /// The light.
+    #[serde(default)]
+    pub light: LightModel,
+    /// The sensor.
+    #[serde(default)]
+    pub sensor: SensorModel,
+}
+
+/// A place where a manipulator takes parts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Station {
+    /// Name of the station; its manipulator lives in the namespace of this name.
+    pub name: String,
+    /// The tool axis on the platen, x, m.
+    pub x_m: f64,
+    /// The tool axis on the platen, y, m.
+    pub y_m: f64,
+    /// The manipulator.
+    #[serde(default)]
+    pub manipulator: ManipulatorConfig,
+}
+
+/// Why a scenario cannot run.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ScenarioError {
+    /// The text is not a scenario: an unknown key, a wrong type, a missing value.
+    #[error("{0}")]
+    Yaml(String),
+    /// A value is out of its range, or does not go with others.
+    #[error("{section}: {problem}")]
+    Invalid {
+        /// Top-level key.
+        section: &'static str,
+        /// Key, value and allowed range.
+        problem: String,
+    },
+}
+
+impl Default for Scenario {
+    /// The built-in scenario.
+    fn default() -> Self {
+        #[expect(clippy::expect_used, reason = "part of this crate, and a test parses it")]
+        BUILT_IN.parse().expect("the built-in scenario is valid")
+    }
+}
+
+impl FromStr for Scenario {
+    type Err = ScenarioError;
+
+    /// Reads a scenario from YAML and checks it.
+    fn from_str(yaml: &str) -> Result<Self, ScenarioError> {
+        let scenario: Self = serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(error.to_string()))?;
+        scenario.validate()?;
+        Ok(scenario)
+    }
+}
+
+/// The longest run, s: 24 hours.
+const DURATION_S_MAX: f64 = 86_400.0;
+
+impl Scenario {
+    /// The same scenario with another duration.
+    ///
+    /// # Errors
+    /// A duration that is not positive, or longer than a day.
+    pub fn with_duration_s(mut self, duration_s: f64) -> Result<Self, ScenarioError> {
+        self.run.duration_s = duration_s;
+        self.validate()?;
+        Ok(self)
+    }
+
+    /// As YAML, every value spelled out.
+    ///
+    /// # Errors
+    /// A value that YAML cannot hold.
+    pub fn to_yaml(&self) -> Result<String, ScenarioError> {
+        serde_saphyr::to_string(self).map_err(|error| ScenarioError::Yaml(error.to_string()))
+    }
+
+    /// The waveform that feeds.
+    ///
+    /// # Errors
+    /// A parameter out of its range.
+    pub fn waveform(&self) -> Result<Waveform, ScenarioError> {
+        self.waveform.design(&self.tray.geometry).map_err(|error| invalid("waveform", &error))
+    }
+
+    /// What the camera sees beside the parts.
+    #[must_use]
+    pub fn scene(&self) -> Scene {
+        Scene {
+            camera: self.camera.model.clone(),
+            tray: self.tray.clone(),
+            tray_appearance: self.camera.tray.clone(),
+            part: PartAppearance {
+                diameter_m: self.part.diameter_m,
+                thickness_m: self.part.thickness_m,
+                side_reflectance: self.camera.side_reflectance,
+                faces: self.camera.faces.clone(),
+            },
+            light: self.camera.light,
+            sensor: self.camera.sensor,
+        }
+    }
+
+    /// The delivery planner's parameters, with the stations of this scenario.
+    #[must_use]
+    pub fn delivery(&self) -> DeliveryConfig {
+        let stations_m = self.stations.iter().map(|station| (station.name.clone(), [station.x_m, station.y_m].into()));
+        DeliveryConfig { stations_m: stations_m.collect(), ..self.delivery.clone() }
+    }
+
+    /// Namespace of the feeder's nodes.
+    #[must_use]
+    pub fn namespace(&self) -> String {
+        format!("/{}", self.feeder)
+    }
+
+    fn validate(&self) -> Result<(), ScenarioError> {
+        check_name("feeder", &self.feeder)?;
+        self.validate_time()?;
+        let geometry = self.tray.validate();
+        geometry.map_err(|error| invalid("tray", &error))?;
+        self.courier.validate().map_err(|error| invalid("courier", &error))?;
+        self.validate_waveform()?;
+        crate::parts::PartBulk::new(self.tray.geometry, self.part.clone(), self.bulk, self.seed)
+            .map_err(|error| invalid("bulk", &error))?;
+        self.validate_camera()?;
+        self.selector.validate().map_err(|error| invalid("selector", &error))?;
+        self.delivery.validate().map_err(|error| invalid("delivery", &error))?;
+        self.validate_stations()
+    }
+
+    fn validate_time(&self) -> Result<(), ScenarioError> {
+        let duration_s = self.run.duration_s;
+        let in_range = duration_s > 0.0 && duration_s <= DURATION_S_MAX;
+        OutOfRange::unless(in_range, "duration_s", duration_s, format_args!("above 0, at most {DURATION_S_MAX}"))
+            .map_err(|error| invalid("run", &error))?;
+        let time = self.time;
+        check_count("time", "tick_ms", time.tick_ms, 1, 100)?;
+        check_count("time", "forward_delay_ticks", time.forward_delay_ticks, 1, 20)?;
+        check_count("time", "feedback_delay_ticks", time.feedback_delay_ticks, 1, 40)?;
+        let largest = time.forward_delay_ticks.max(time.feedback_delay_ticks);
+        check_count("time", "window_ticks", time.window_ticks, 4, 56 - largest)?;
+        let servo_ticks = self.time.tick_s() / self.courier.servo_period_s;
+        if (servo_ticks - servo_ticks.round()).abs() > 1e-9 {
+            let problem = format!("tick_ms = {} holds no whole number of courier.servo_period_s", time.tick_ms);
+            return Err(ScenarioError::Invalid { section: "time", problem });
+        }
+        Ok(())
+    }
+
+    fn validate_waveform(&self) -> Result<(), ScenarioError> {
+        let waveform = self.waveform()?;
+        let mut driver = crate::courier::CourierDriver::simulated(self.courier, self.seed)
+            .map_err(|error| invalid("courier", &error))?;
+        driver.set_waveform(&waveform, true).map_err(|error| invalid("waveform", &error))
+    }
+
+    fn validate_camera(&self) -> Result<(), ScenarioError> {
+        check_count("camera", "period_ms", self.camera.period_ms, self.time.tick_ms, 10_000)?;
+        if !self.camera.period_ms.is_multiple_of(self.time.tick_ms) {
+            let problem =
+                format!("period_ms = {} is no multiple of time.tick_ms = {}", self.camera.period_ms, self.time.tick_ms);
+            return Err(ScenarioError::Invalid { section: "camera", problem });
+        }
+        check_count("camera", "jpeg_quality", self.camera.jpeg_quality.into(), 1, 100)?;
+        let (faces, poses) = (self.camera.faces.len(), self.part.resting_poses.len());
+        if faces != poses {
+            let problem = format!("faces has {faces} entries, allowed is {poses}, one for each resting pose");
+            return Err(ScenarioError::Invalid { section: "camera", problem });
+        }
+        crate::camera::Renderer::new(&self.scene()).map(drop).map_err(|error| invalid("camera", &error))
+    }
+
+    fn validate_stations(&self) -> Result<(), ScenarioError> {
+        let section = "stations";
+        for (index, station) in self.stations.iter().enumerate() {
+            check_name(section, &station.name)?;
+            if station.name == self.feeder || self.stations[..index].iter().any(|other| other.name == station.name) {
+                let problem = format!("name = {:?} is used twice, allowed are distinct names", station.name);
+                return Err(ScenarioError::Invalid { section, problem });
+            }
+            let limits = &self.courier.limits;
+            for (key, value, min, max) in [
+                ("x_m", station.x_m, limits.x_m_min, limits.x_m_max),
+                ("y_m", station.y_m, limits.y_m_min, limits.y_m_max),
+            ] {
+                if !(min..=max).contains(&value) {
+                    let problem =
+                        format!("{}.{key} = {value} lies off the platen, allowed is {min} to {max}", station.name);
+                    return Err(ScenarioError::Invalid { section, problem });
+                }
+            }
+            let checked = station.manipulator.validate();
+            checked.map_err(|error| invalid(section, &format_args!("{}.manipulator: {error}", station.name)))?;
+        }
+        Ok(())
+    }
+}
+
+fn invalid(section: &'static str, problem: &impl fmt::Display) -> ScenarioError {
+    ScenarioError::Invalid { section, problem: problem.to_string() }
+}
+
+fn check_count(section: &'static str, key: &str, value: u64, min: u64, max: u64) -> Result<(), ScenarioError> {
+    if (min..=max).contains(&value) {
+        return Ok(());
+    }
+    let problem = format!("{key} = {value} is outside its range: {min} to {max}");
+    Err(ScenarioError::Invalid { section, problem })
+}
+
+/// ROS names: a letter, then letters, digits and underscores.
+fn check_name(section: &'static str, name: &str) -> Result<(), ScenarioError> {
+    let mut chars = name.chars();
+    let starts = chars.next().is_some_and(|first| first.is_ascii_alphabetic());
+    if starts && chars.all(|c| c.is_ascii_alphanumeric() || c == '_') {
+        return Ok(());
+    }
+    let problem = format!("name {name:?} is no ROS name, allowed are a letter, then letters, digits and underscores");
+    Err(ScenarioError::Invalid { section, problem })
+}

@@ -1,0 +1,35 @@
+//! Reading scenario files, and `feeder check`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use feeder_core::scenario::Scenario;
+
+/// Check a scenario file and say what is wrong with it.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct CheckArgs {
+    /// Scenario file (YAML)
+    file: PathBuf,
+}
+
+/// Checks a file, including what only shows when the nodes are connected.
+pub(crate) fn check(args: &CheckArgs) -> anyhow::Result<()> {
+    let scenario = load(Some(&args.file))?;
+    let contract = crate::up::connect(&scenario).with_context(|| args.file.display().to_string())?;
+    println!(
+        "{}: ok, {} nodes, {} parts, {} stations, {} s",
+        args.file.display(),
+        contract.nodes.len(),
+        scenario.parts_loaded,
+        scenario.stations.len(),
+        scenario.run.duration_s
+    );
+    Ok(())
+}
+
+/// The scenario in `file`, or the built-in one.
+pub(crate) fn load(file: Option<&Path>) -> anyhow::Result<Scenario> {
+    let Some(file) = file else { return Ok(Scenario::default()) };
+    let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
+    text.parse().with_context(|| file.display().to_string())
+}

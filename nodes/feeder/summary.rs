@@ -1,0 +1,71 @@
+//! How a run went, for people and for programs.
+
+use std::fmt;
+use std::time::Duration;
+
+use run_monitor::Progress;
+use serde::Serialize;
+
+/// The outcome of a run. Counts and slip are by ground truth.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Summary {
+    /// Parts that entered the plateau; one that comes round again counts again.
+    fed: u32,
+    /// Distinct parts the selector saw on the plateau.
+    seen: usize,
+    /// Distinct parts the selector called right.
+    selected: usize,
+    /// Parts picked.
+    delivered: u32,
+    /// Parts picked that lay in another pose than the wanted one.
+    wrong_pose_delivered: u32,
+    /// Largest displacement in the tray frame of a delivered part between settled and picked, m.
+    max_slip_m: f64,
+    /// Simulated time, s.
+    sim_s: f64,
+    /// Wall time of the run without start-up, s.
+    wall_s: f64,
+    /// Wall time from the command to the first tick, s.
+    startup_s: f64,
+    /// Simulated seconds per wall second.
+    real_time_factor: f64,
+}
+
+impl Summary {
+    pub(crate) fn new(progress: &Progress, ticks: u64, tick_ns: u64, startup: Duration, wall: Duration) -> Self {
+        let sim_s = Duration::from_nanos(ticks * tick_ns).as_secs_f64();
+        let wall_s = wall.as_secs_f64();
+        Self {
+            fed: progress.fed,
+            seen: progress.seen.len(),
+            selected: progress.selected.len(),
+            delivered: progress.delivered,
+            wrong_pose_delivered: progress.wrong_pose_delivered,
+            max_slip_m: progress.max_slip_m,
+            sim_s,
+            wall_s,
+            startup_s: startup.as_secs_f64(),
+            real_time_factor: if wall_s > 0.0 { sim_s / wall_s } else { 0.0 },
+        }
+    }
+
+    pub(crate) fn to_json(&self) -> serde_json::Result<String> {
+        serde_json::to_string_pretty(self).map(|text| text + "\n")
+    }
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut row = |name: &str, value: String| writeln!(f, "  {name:<32} {value:>12}");
+        row("parts fed to the plateau", self.fed.to_string())?;
+        row("distinct parts seen", self.seen.to_string())?;
+        row("distinct parts called right", self.selected.to_string())?;
+        row("parts delivered", self.delivered.to_string())?;
+        row("  of these in a wrong pose", self.wrong_pose_delivered.to_string())?;
+        row("largest slip of a delivered part", format!("{:.1} µm", self.max_slip_m * 1e6))?;
+        row("simulated time", format!("{:.2} s", self.sim_s))?;
+        row("wall time", format!("{:.2} s", self.wall_s))?;
+        row("start-up", format!("{:.2} s", self.startup_s))?;
+        row("real-time factor", format!("{:.1}", self.real_time_factor))
+    }
+}

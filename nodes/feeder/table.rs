@@ -1,0 +1,40 @@
+//! The nodes this executable can be.
+
+use feeder_core::scenario::Scenario;
+use feeder_runtime::launch::{Seat, interface, run_in_loop};
+use feeder_runtime::lockstep::RunError;
+use feeder_runtime::node::{FeederNode, Interface};
+
+/// A kind of node, with its generics bound.
+pub(crate) struct NodeEntry {
+    /// Name of the node.
+    pub(crate) name: &'static str,
+    /// The namespaces a scenario asks for one in.
+    pub(crate) namespaces: fn(&Scenario) -> Vec<String>,
+    /// Its ports.
+    pub(crate) interface: fn(&str, &Scenario) -> Interface,
+    /// Runs it in a loop.
+    pub(crate) run: fn(&Seat, &Scenario) -> Result<(), RunError>,
+    /// Runs its own command line, without the program's name.
+    pub(crate) main: fn(Vec<std::ffi::OsString>) -> std::process::ExitCode,
+}
+
+const fn entry<N: FeederNode<Config = Scenario>>() -> NodeEntry {
+    NodeEntry {
+        name: N::NAME,
+        namespaces: N::namespaces,
+        interface: interface::<N>,
+        run: run_in_loop::<N>,
+        main: feeder_runtime::main_with::<N>,
+    }
+}
+
+/// Every node a scenario runs, in the order in which they are listed and started.
+pub(crate) const NODES: &[NodeEntry] = &[
+    entry::<waveform_generator::WaveformGenerator>(),
+    entry::<courier_driver::CourierDriver>(),
+    entry::<part_simulator::PartSimulator>(),
+    entry::<vision_selector::VisionSelector>(),
+    entry::<delivery_planner::DeliveryPlanner>(),
+    entry::<overhead_manipulator::OverheadManipulator>(),
+];

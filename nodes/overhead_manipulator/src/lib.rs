@@ -1,0 +1,204 @@
+//! A sample partner agent: an overhead (z, θ) manipulator that keeps asking a feeder for parts and picks them.
+//!
+//! It knows the feeder by its public interface alone: the action `deliver_part` and the service `report_handover`.
+
+use feeder_core::manipulator::{Action, Event, Manipulator, Presented};
+use feeder_core::scenario::{Scenario, Station};
+use feeder_core::seed::generator;
+use feeder_runtime::dds::Qos;
+use feeder_runtime::node::{
+    ActionClient, ActionClientPorts, CallId, Client, ClientEvent, Declare, FeederNode, GoalId, Latency, NodeError,
+    Publisher, StepIo,
+};
+use minifactory_msgs::action::{DeliverPart, DeliverPartGoal};
+use minifactory_msgs::convert::{planar_pose, quaternion_of_yaw, yaw_of_quaternion};
+use minifactory_msgs::geometry_msgs::msg::{Transform, TransformStamped, Vector3};
+use minifactory_msgs::msg::DeliveryState;
+use minifactory_msgs::sensor_msgs::msg::JointState;
+use minifactory_msgs::srv::{Pick, PickRequest, ReportHandover, ReportHandoverRequest};
+use minifactory_msgs::std_msgs::msg::Header;
+use minifactory_msgs::tf2_msgs::msg::TFMessage;
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+
+/// Handles of the manipulator's ports, and which station it stands at.
+pub struct Ports {
+    deliver: ActionClientPorts<DeliverPart>,
+    pick: Client<Pick>,
+    report: Client<ReportHandover>,
+    joint_states: Publisher<JointState>,
+    tf_static: Publisher<TFMessage>,
+    station: Option<Station>,
+}
+
+/// The manipulator.
+pub struct OverheadManipulator {
+    deliver: ActionClient<DeliverPart>,
+    pick: Client<Pick>,
+    report: Client<ReportHandover>,
+    joint_states: Publisher<JointState>,
+    tf_static: Publisher<TFMessage>,
+    manipulator: Manipulator,
+    station: Station,
+    part_class: String,
+    pose_class: String,
+    plateau_height_m: f64,
+    random: Pcg64Mcg,
+    goal: Option<GoalId>,
+    presented: bool,
+    gripping: Option<CallId>,
+}
+
+impl FeederNode for OverheadManipulator {
+    const NAME: &'static str = "overhead_manipulator";
+    type Config = Scenario;
+    type Ports = Ports;
+
+    fn namespaces(config: &Scenario) -> Vec<String> {
+        config.stations.iter().map(|station| format!("/{}", station.name)).collect()
+    }
+
+    fn declare(io: &mut Declare, config: &Scenario) -> Ports {
+        let feeder = config.namespace();
+        let here = io.namespace().trim_start_matches('/').to_owned();
+        Ports {
+            deliver: io.action_client(&format!("{feeder}/deliver_part"), Latency::Feedback),
+            pick: io.client("pick", Latency::Feedback),
+            report: io.client(&format!("{feeder}/report_handover"), Latency::Feedback),
+            joint_states: io.publisher("joint_states", Qos::command()),
+            tf_static: io.publisher("/tf_static", Qos::latched()),
+            station: config.stations.iter().find(|station| station.name == here).cloned(),
+        }
+    }
+
+    fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
+        let station = ports.station.ok_or_else(|| {
+            let known: Vec<_> = config.stations.iter().map(|station| &station.name).collect();
+            NodeError::new(format!("the namespace of a manipulator is the name of a station; known are {known:?}"))
+        })?;
+        Ok(Self {
+            deliver: ActionClient::new(ports.deliver),
+            pick: ports.pick,
+            report: ports.report,
+            joint_states: ports.joint_states,
+            tf_static: ports.tf_static,
+            manipulator: Manipulator::new(station.manipulator).map_err(NodeError::new)?,
+            part_class: config.part.name.clone(),
+            pose_class: config.part.wanted_pose.clone(),
+            plateau_height_m: config.tray.plateau_height_m(),
+            random: generator(config.seed, &station.name),
+            station,
+            goal: None,
+            presented: false,
+            gripping: None,
+        })
+    }
+
+    fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
+        if io.tick() == 0 {
+            io.publish(&self.tf_static, &self.mounting(io));
+        }
+        let events = self.hear(io);
+        let now_s = io.now_s();
+        for action in self.manipulator.step(now_s, &events) {
+            self.act(io, action);
+        }
+        let joints = self.manipulator.joints(now_s);
+        let state = JointState {
+            header: io.header(""),
+            name: vec![format!("{}_z", self.station.name), format!("{}_theta", self.station.name)],
+            position: joints.iter().map(|(position, _)| *position).collect(),
+            velocity: joints.iter().map(|(_, velocity)| *velocity).collect(),
+            effort: Vec::new(),
+        };
+        io.publish(&self.joint_states, &state);
+        Ok(())
+    }
+}
+
+impl OverheadManipulator {
+    fn hear(&mut self, io: &mut StepIo) -> Vec<Event> {
+        let mut events = Vec::new();
+        for event in self.deliver.poll(io) {
+            match event {
+                ClientEvent::Accepted(_) => events.push(Event::Accepted),
+                ClientEvent::Rejected(_) => events.push(Event::NoPart("the feeder refused the request".to_owned())),
+                ClientEvent::Feedback(id, feedback) => {
+                    if Some(id) == self.goal && feedback.phase == DeliveryState::PRESENTED && !self.presented {
+                        self.presented = true;
+                        let pose = feedback.part_in_station;
+                        events.push(Event::Presented(Presented {
+                            delivery_id: feedback.delivery_id,
+                            x_m: pose.position.x,
+                            y_m: pose.position.y,
+                            yaw_rad: yaw_of_quaternion(&pose.orientation),
+                        }));
+                    }
+                }
+                ClientEvent::Finished(id, _, result) => {
+                    if Some(id) == self.goal && !result.success {
+                        tracing::warn!("no part: {}", result.reason);
+                        events.push(Event::NoPart(result.reason));
+                    }
+                }
+            }
+        }
+        for (call, response) in io.replies(&self.pick) {
+            if self.gripping == Some(call) {
+                self.gripping = None;
+                events.push(Event::Gripped(if response.picked { Ok(()) } else { Err(response.message) }));
+            }
+        }
+        for (_, response) in io.replies(&self.report) {
+            if !response.accepted {
+                tracing::warn!("the feeder did not accept the report: {}", response.message);
+            }
+        }
+        events
+    }
+
+    fn act(&mut self, io: &mut StepIo, action: Action) {
+        let config = &self.station.manipulator;
+        match action {
+            Action::Request => {
+                let id: GoalId = self.random.random();
+                self.goal = Some(id);
+                self.presented = false;
+                let goal = DeliverPartGoal {
+                    station: self.station.name.clone(),
+                    part_class: self.part_class.clone(),
+                    pose_class: self.pose_class.clone(),
+                    tolerance_m: config.tolerance_m,
+                    timeout_s: config.timeout_s,
+                };
+                self.deliver.send(io, id, goal);
+            }
+            Action::Grip { z_m, theta_rad } => {
+                let height_m = self.plateau_height_m + z_m;
+                let request = PickRequest {
+                    station: self.station.name.clone(),
+                    tool_in_platen: planar_pose(self.station.x_m, self.station.y_m, height_m, theta_rad),
+                    gripper_opening_m: config.gripper_opening_m,
+                };
+                let call = io.call(&self.pick, &request);
+                self.gripping = Some(call);
+            }
+            Action::Report { delivery_id, taken } => {
+                let (taken, message) = match taken {
+                    Ok(()) => (true, String::new()),
+                    Err(message) => (false, message),
+                };
+                io.call(&self.report, &ReportHandoverRequest { delivery_id, taken, message });
+            }
+        }
+    }
+
+    /// The tool frame: where the axis meets the height of the plateau.
+    fn mounting(&self, io: &StepIo) -> TFMessage {
+        let translation = Vector3 { x: self.station.x_m, y: self.station.y_m, z: self.plateau_height_m };
+        let transform = Transform { translation, rotation: quaternion_of_yaw(0.0) };
+        let header: Header = io.header("platen");
+        let child_frame_id = format!("{}/tool", self.station.name);
+        TFMessage { transforms: vec![TransformStamped { header, child_frame_id, transform }] }
+    }
+}

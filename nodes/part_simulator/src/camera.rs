@@ -1,0 +1,142 @@
+//! The camera above the feeding place.
+
+use feeder_core::camera::{CameraModel, PartView, Renderer, codec};
+use feeder_core::parts::{Part, PartBulk, Place};
+use feeder_core::scenario::Scenario;
+use feeder_core::seed::generator;
+use feeder_runtime::dds::Qos;
+use feeder_runtime::lockstep::MESSAGE_BYTES_MAX;
+use feeder_runtime::node::{Declare, NodeError, Publisher, StepIo, stamp_of_ns};
+use image::GrayImage;
+use minifactory_msgs::geometry_msgs::msg::{Quaternion, Transform, TransformStamped, Vector3};
+use minifactory_msgs::sensor_msgs::msg::{CameraInfo, CompressedImage, Image};
+use minifactory_msgs::std_msgs::msg::Header;
+use minifactory_msgs::tf2_msgs::msg::TFMessage;
+use nalgebra::Isometry2;
+use rand_pcg::Pcg64Mcg;
+
+/// Room for the rest of a compressed image's message, bytes.
+const OVERHEAD_BYTES: usize = 256;
+
+/// Handles of the camera's ports.
+pub(crate) struct Ports {
+    raw: Publisher<Image>,
+    compressed: Publisher<CompressedImage>,
+    info: Publisher<CameraInfo>,
+    tf_static: Publisher<TFMessage>,
+}
+
+impl Ports {
+    pub(crate) fn declare(io: &mut Declare) -> Self {
+        Self {
+            raw: io.publisher("camera/image_raw", Qos::sensor()),
+            compressed: io.publisher("camera/image_raw/compressed", Qos::command()),
+            info: io.publisher("camera/camera_info", Qos::command()),
+            tf_static: io.publisher("/tf_static", Qos::latched()),
+        }
+    }
+}
+
+/// The camera.
+pub(crate) struct Camera {
+    renderer: Renderer,
+    model: CameraModel,
+    tray: feeder_core::tray::TrayGeometry,
+    period_ns: u64,
+    quality: u8,
+    noise: Pcg64Mcg,
+    image: GrayImage,
+    frame: String,
+    /// Stamp of the next picture, ns.
+    next_ns: u64,
+    views: Vec<PartView>,
+}
+
+impl Camera {
+    pub(crate) fn open(config: &Scenario) -> Result<Self, NodeError> {
+        let period_ns = config.camera.period_ms * 1_000_000;
+        Ok(Self {
+            renderer: Renderer::new(&config.scene()).map_err(NodeError::new)?,
+            model: config.camera.model.clone(),
+            tray: config.tray.geometry,
+            period_ns,
+            quality: config.camera.jpeg_quality,
+            noise: generator(config.seed, "camera"),
+            image: GrayImage::default(),
+            frame: format!("{}/camera_optical", config.feeder),
+            next_ns: period_ns,
+            views: Vec::new(),
+        })
+    }
+
+    /// Takes a picture if one is due at `stamp_ns`, the time for which tray and parts are known.
+    pub(crate) fn look(
+        &mut self,
+        io: &mut StepIo,
+        ports: &Ports,
+        stamp_ns: u64,
+        platen_from_tray: &Isometry2<f64>,
+        bulk: &PartBulk,
+    ) -> Result<(), NodeError> {
+        if io.tick() == 0 {
+            io.publish(&ports.tf_static, &self.mounting());
+        }
+        if stamp_ns < self.next_ns {
+            return Ok(());
+        }
+        self.next_ns += self.period_ns;
+        self.views.clear();
+        self.views.extend(bulk.parts().iter().filter_map(|part| view(part, &self.tray)));
+        self.renderer.render(platen_from_tray, &self.views, &mut self.noise, &mut self.image).map_err(NodeError::new)?;
+
+        let header = || Header { stamp: stamp_of_ns(stamp_ns), frame_id: self.frame.clone() };
+        let data = codec::encode(&self.image, self.quality, MESSAGE_BYTES_MAX - OVERHEAD_BYTES).map_err(NodeError::new)?;
+        let format = "mono8; jpeg compressed mono8".to_owned();
+        io.publish(&ports.compressed, &CompressedImage { header: header(), format, data });
+        io.publish(&ports.info, &self.info(header()));
+        if io.wanted(&ports.raw) {
+            let (width, height) = self.image.dimensions();
+            let encoding = "mono8".to_owned();
+            let data = self.image.as_raw().clone();
+            io.publish(&ports.raw, &Image { header: header(), height, width, encoding, is_bigendian: 0, step: width, data });
+        }
+        Ok(())
+    }
+
+    fn info(&self, header: Header) -> CameraInfo {
+        let k = self.model.intrinsics_px();
+        let d = self.model.distortion();
+        CameraInfo {
+            header,
+            height: self.model.height_px(),
+            width: self.model.width_px(),
+            distortion_model: "plumb_bob".to_owned(),
+            d: vec![d.k1, d.k2, d.p1, d.p2, d.k3],
+            k: std::array::from_fn(|i| k[(i / 3, i % 3)]),
+            r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            p: std::array::from_fn(|i| if i % 4 < 3 { k[(i / 4, i % 4)] } else { 0.0 }),
+            ..CameraInfo::default()
+        }
+    }
+
+    /// Where the camera hangs, as calibrated.
+    fn mounting(&self) -> TFMessage {
+        let pose = self.model.platen_from_camera();
+        let (t, q) = (pose.translation.vector, pose.rotation.coords);
+        let transform = Transform {
+            translation: Vector3 { x: t.x, y: t.y, z: t.z },
+            rotation: Quaternion { x: q.x, y: q.y, z: q.z, w: q.w },
+        };
+        let header = Header { stamp: stamp_of_ns(0), frame_id: "platen".to_owned() };
+        TFMessage { transforms: vec![TransformStamped { header, child_frame_id: self.frame.clone(), transform }] }
+    }
+}
+
+/// A part as the camera sees it; one that is falling is hidden behind the end of the plateau.
+fn view(part: &Part, tray: &feeder_core::tray::TrayGeometry) -> Option<PartView> {
+    let z_m = match part.place {
+        Place::Ramp | Place::Plateau => tray.height_m(part.angle_rad()),
+        Place::Falling => return None,
+    };
+    Some(PartView { x_m: part.x_m, y_m: part.y_m, z_m, yaw_rad: part.yaw_rad, pose: part.pose })
+}

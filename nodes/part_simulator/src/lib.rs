@@ -1,0 +1,201 @@
+//! The part simulator: owns the parts, moves them as the tray moves, takes the camera's pictures, and lets grippers pick.
+//!
+//! The state after a block of tray motion carries the stamp of the block's end.
+
+mod camera;
+
+use feeder_core::motion::MotionBlock;
+use feeder_core::parts::{Part, PartBulk, Place};
+use feeder_core::scenario::Scenario;
+use feeder_core::seed::seed_for;
+use feeder_runtime::dds::Qos;
+use feeder_runtime::node::{
+    Declare, FeederNode, Latency, NodeError, Publisher, Server, StepIo, Subscriber, ns_of_stamp, stamp_of_ns,
+};
+use minifactory_msgs::convert::planar_isometry;
+use minifactory_msgs::msg::{PartState, PartStates, PickEvent, TrayMotion};
+use minifactory_msgs::srv::{LoadParts, LoadPartsResponse, Pick, PickRequest, PickResponse};
+use minifactory_msgs::std_msgs::msg::Header;
+use nalgebra::{Isometry2, Point2};
+
+use camera::Camera;
+
+/// Largest height of a tool above the plateau at which its gripper reaches a part, m.
+const GRIP_HEIGHT_M: f64 = 0.002;
+
+/// Handles of the simulator's ports.
+pub struct Ports {
+    motion: Subscriber<TrayMotion>,
+    load: Server<LoadParts>,
+    picks: Vec<Server<Pick>>,
+    parts: Publisher<PartStates>,
+    events: Publisher<PickEvent>,
+    camera: camera::Ports,
+}
+
+/// The part simulator.
+pub struct PartSimulator {
+    ports: Ports,
+    bulk: PartBulk,
+    camera: Camera,
+    frame: String,
+    plateau_height_m: f64,
+    platen_from_tray: Isometry2<f64>,
+    /// When the motion known so far ends, ns.
+    known_until_ns: u64,
+}
+
+impl FeederNode for PartSimulator {
+    const NAME: &'static str = "part_simulator";
+    type Config = Scenario;
+    type Ports = Ports;
+
+    fn namespaces(config: &Scenario) -> Vec<String> {
+        vec![config.namespace()]
+    }
+
+    fn declare(io: &mut Declare, config: &Scenario) -> Ports {
+        Ports {
+            motion: io.subscriber("tray_motion", Latency::Forward, Qos::command()),
+            load: io.server("load_parts"),
+            picks: config.stations.iter().map(|station| io.server(&format!("/{}/pick", station.name))).collect(),
+            parts: io.publisher("parts", Qos::sensor()),
+            events: io.publisher("picks", Qos::command()),
+            camera: camera::Ports::declare(io),
+        }
+    }
+
+    fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
+        let seed = seed_for(config.seed, Self::NAME);
+        let mut bulk = PartBulk::new(config.tray.geometry, config.part.clone(), config.bulk, seed).map_err(NodeError::new)?;
+        let wanted = usize::try_from(config.parts_loaded).map_err(NodeError::new)?;
+        let outcome = bulk.load(wanted);
+        if outcome.refused > 0 {
+            tracing::warn!("{} of {wanted} parts found no room on the tray", outcome.refused);
+        }
+        let start = config.courier.start;
+        Ok(Self {
+            ports,
+            bulk,
+            camera: Camera::open(config)?,
+            frame: format!("{}/tray", config.feeder),
+            plateau_height_m: config.tray.plateau_height_m(),
+            platen_from_tray: Isometry2::new(start.xy(), start.z),
+            known_until_ns: 0,
+        })
+    }
+
+    fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
+        for message in io.take(&self.ports.motion) {
+            self.move_parts(&message)?;
+        }
+        for (asker, request) in io.requests(&self.ports.load) {
+            let response = self.load(request.count);
+            io.reply(&self.ports.load, asker, &response);
+        }
+        for station in 0..self.ports.picks.len() {
+            let server = self.ports.picks[station];
+            for (asker, request) in io.requests(&server) {
+                let response = self.pick(io, &request);
+                io.reply(&server, asker, &response);
+            }
+        }
+        io.publish(&self.ports.parts, &self.part_states());
+        self.camera.look(io, &self.ports.camera, self.known_until_ns, &self.platen_from_tray, &self.bulk)
+    }
+}
+
+impl PartSimulator {
+    fn move_parts(&mut self, message: &TrayMotion) -> Result<(), NodeError> {
+        let block = MotionBlock::try_from(message).map_err(NodeError::new)?;
+        self.bulk.step(&block).map_err(NodeError::new)?;
+        if let Some(last) = block.samples.last() {
+            let dt = block.sample_period_s;
+            let end = last.position + (last.velocity + 0.5 * dt * last.acceleration) * dt;
+            self.platen_from_tray = Isometry2::new(end.xy(), end.z);
+        }
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a block lasts a tick")]
+        let length_ns = (block.sample_period_s * block.samples.len() as f64 * 1e9).round() as u64;
+        self.known_until_ns = ns_of_stamp(&message.header.stamp) + length_ns;
+        Ok(())
+    }
+
+    fn load(&mut self, count: u32) -> LoadPartsResponse {
+        let wanted = usize::try_from(count).unwrap_or(usize::MAX);
+        let outcome = self.bulk.load(wanted);
+        let message = match outcome.refused {
+            0 => String::new(),
+            refused => format!("no room for {refused} of {count} parts"),
+        };
+        LoadPartsResponse { loaded: u32::try_from(outcome.loaded).unwrap_or(u32::MAX), message }
+    }
+
+    /// Closes a gripper: the part whose centre is nearest to the tool axis, within half the opening less half the part.
+    fn pick(&mut self, io: &mut StepIo, request: &PickRequest) -> PickResponse {
+        let missed = |message: String| PickResponse { picked: false, part_id: 0, message };
+        let tool = &request.tool_in_platen.position;
+        let height_m = tool.z - self.plateau_height_m;
+        let reach_m = 0.5 * (request.gripper_opening_m - self.bulk.part_type().diameter_m);
+        let response = if !(tool.x.is_finite() && tool.y.is_finite() && height_m.abs() <= GRIP_HEIGHT_M) {
+            missed(format!("the tool is {height_m} m above the plateau, allowed is {GRIP_HEIGHT_M} m either way"))
+        } else if !(reach_m > 0.0) {
+            missed(format!("an opening of {} m is narrower than the part", request.gripper_opening_m))
+        } else {
+            let at = planar_isometry(&request.tool_in_platen).translation.vector;
+            let at = self.platen_from_tray.inverse_transform_point(&Point2::from(at));
+            match self.bulk.pick(at.x, at.y, reach_m) {
+                None => missed("nothing lies between the gripper's fingers".to_owned()),
+                Some(part) => {
+                    self.tell(io, request, true, part.id, part.pose);
+                    return PickResponse { picked: true, part_id: part.id, message: String::new() };
+                }
+            }
+        };
+        self.tell(io, request, false, 0, 0);
+        response
+    }
+
+    fn tell(&self, io: &mut StepIo, request: &PickRequest, picked: bool, part_id: u32, pose: usize) {
+        let event = PickEvent {
+            header: io.header("platen"),
+            station: request.station.clone(),
+            picked,
+            part_id,
+            resting_pose: u8::try_from(pose).unwrap_or(u8::MAX),
+            tool_in_platen: request.tool_in_platen.clone(),
+        };
+        io.publish(&self.ports.events, &event);
+    }
+
+    fn part_states(&self) -> PartStates {
+        let counters = self.bulk.counters();
+        let count = |value: u64| u32::try_from(value).unwrap_or(u32::MAX);
+        PartStates {
+            header: Header { stamp: stamp_of_ns(self.known_until_ns), frame_id: self.frame.clone() },
+            parts: self.bulk.parts().iter().map(|part| part_state(part, &self.bulk.part_type().name)).collect(),
+            fed: count(counters.fed),
+            recirculated: count(counters.recirculated),
+            picked: count(counters.picked),
+        }
+    }
+}
+
+fn part_state(part: &Part, class: &str) -> PartState {
+    PartState {
+        id: part.id,
+        part_class: class.to_owned(),
+        surface: match part.place {
+            Place::Ramp => PartState::RAMP,
+            Place::Plateau => PartState::PLATEAU,
+            Place::Falling => PartState::FALLING,
+        },
+        resting_pose: u8::try_from(part.pose).unwrap_or(u8::MAX),
+        radius_m: part.radius_m(),
+        angle_rad: part.angle_rad(),
+        yaw_rad: part.yaw_rad,
+        radial_velocity_m_s: part.radial_velocity_m_s(),
+        tangential_velocity_m_s: part.tangential_velocity_m_s(),
+        sticking: part.is_sticking(),
+        stranded: part.stranded,
+    }
+}

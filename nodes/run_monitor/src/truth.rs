@@ -1,0 +1,126 @@
+//! Where the parts have been, by ground truth.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use feeder_runtime::node::ns_of_stamp;
+use minifactory_msgs::msg::{PartState, PartStates};
+use nalgebra::Vector2;
+
+/// How far back places are remembered, in messages of one tick each. A choice becomes known when the part is presented,
+/// so this must be longer than the longest move and settling.
+const MEMORY: usize = 1000;
+
+/// Places in the tray frame by part, m.
+type Places = BTreeMap<u32, Vector2<f64>>;
+
+/// Where the parts have been.
+#[derive(Debug, Default)]
+pub(crate) struct Truth {
+    /// Stamp (ns) and places of the last moments, oldest first.
+    recent: VecDeque<(u64, Places)>,
+    settled: Option<Settled>,
+}
+
+/// Where every part was when a choice was made.
+#[derive(Debug)]
+struct Settled {
+    look_ns: u64,
+    places: Places,
+    /// Largest displacement of each part since, m.
+    slips_m: BTreeMap<u32, f64>,
+}
+
+impl Truth {
+    pub(crate) fn learn(&mut self, message: &PartStates) {
+        let places: Places = message.parts.iter().map(|part| (part.id, place(part))).collect();
+        if let Some(settled) = &mut self.settled {
+            settled.follow(&places);
+        }
+        self.recent.push_back((ns_of_stamp(&message.header.stamp), places));
+        if self.recent.len() > MEMORY {
+            self.recent.pop_front();
+        }
+    }
+
+    /// The part whose centre was nearest to `point` at `stamp_ns`, if within `reach_m`.
+    pub(crate) fn part_at(&self, stamp_ns: u64, point: &Vector2<f64>, reach_m: f64) -> Option<u32> {
+        let (_, places) = self.recent.iter().rev().find(|(ns, _)| *ns == stamp_ns)?;
+        let distances = places.iter().map(|(id, place)| (*id, (place - point).norm()));
+        let (id, distance_m) = distances.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
+        (distance_m <= reach_m).then_some(id)
+    }
+
+    /// Counts slip from the picture taken at `look_ns`, on which a choice rests; 0 stands for none.
+    pub(crate) fn settle(&mut self, look_ns: u64) {
+        if look_ns == 0 || self.settled.as_ref().is_some_and(|settled| settled.look_ns == look_ns) {
+            return;
+        }
+        let mut since = self.recent.iter().filter(|(ns, _)| *ns >= look_ns);
+        let Some((_, places)) = since.next() else { return };
+        let mut settled = Settled { look_ns, places: places.clone(), slips_m: BTreeMap::new() };
+        for (_, places) in since {
+            settled.follow(places);
+        }
+        self.settled = Some(settled);
+    }
+
+    /// Largest displacement of a part since the last choice, m.
+    pub(crate) fn slip_m(&self, id: u32) -> f64 {
+        self.settled.as_ref().and_then(|settled| settled.slips_m.get(&id)).copied().unwrap_or(0.0)
+    }
+}
+
+impl Settled {
+    fn follow(&mut self, places: &Places) {
+        for (id, place) in places {
+            if let Some(from) = self.places.get(id) {
+                let slip_m = self.slips_m.entry(*id).or_insert(0.0);
+                *slip_m = slip_m.max((place - from).norm());
+            }
+        }
+    }
+}
+
+fn place(part: &PartState) -> Vector2<f64> {
+    let (sin, cos) = part.angle_rad.sin_cos();
+    Vector2::new(part.radius_m * cos, part.radius_m * sin)
+}
+
+#[cfg(test)]
+mod tests {
+    use feeder_runtime::node::stamp_of_ns;
+
+    use super::*;
+
+    fn states(stamp_ns: u64, radii_m: &[f64]) -> PartStates {
+        let mut message = PartStates::default();
+        message.header.stamp = stamp_of_ns(stamp_ns);
+        message.parts = (0..).zip(radii_m).map(|(id, &radius_m)| PartState { id, radius_m, ..Default::default() }).collect();
+        message
+    }
+
+    #[test]
+    fn slip_is_the_largest_displacement_since_the_choice_even_when_it_becomes_known_later() {
+        let mut truth = Truth::default();
+        for (stamp_ns, radius_m) in [(10, 0.070), (20, 0.080), (30, 0.0803), (40, 0.0801)] {
+            truth.learn(&states(stamp_ns, &[radius_m]));
+        }
+        truth.settle(20);
+        assert!((truth.slip_m(0) - 0.0003).abs() < 1e-12);
+        truth.learn(&states(50, &[0.0806]));
+        truth.settle(20);
+        assert!((truth.slip_m(0) - 0.0006).abs() < 1e-12);
+        assert!(truth.slip_m(7).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_part_is_found_where_it_was_not_where_it_is() {
+        let mut truth = Truth::default();
+        truth.learn(&states(10, &[0.060, 0.080]));
+        truth.learn(&states(20, &[0.080, 0.060]));
+        assert_eq!(truth.part_at(10, &Vector2::new(0.0795, 0.0), 0.002), Some(1));
+        assert_eq!(truth.part_at(20, &Vector2::new(0.0795, 0.0), 0.002), Some(0));
+        assert_eq!(truth.part_at(20, &Vector2::new(0.0700, 0.0), 0.002), None);
+        assert_eq!(truth.part_at(15, &Vector2::new(0.0795, 0.0), 0.002), None);
+    }
+}

@@ -1,0 +1,76 @@
+//! Starts nodes: in a loop, or against the wall clock; from a table of all nodes, or from a node's own executable.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::channel;
+
+use crate::digest::Digest;
+use crate::dds::{Domain, NodeName, Participant};
+use crate::lockstep::{DdsLinks, LoopContract, RunError, Runner};
+use crate::node::{Declare, FeederNode, Interface, NodeError};
+use crate::public::PublicSide;
+
+/// Full name of the node `name` in `namespace`.
+#[must_use]
+pub fn full_name(namespace: &str, name: &str) -> String {
+    format!("{}/{name}", namespace.trim_end_matches('/'))
+}
+
+/// What a node needs to take its place in a loop.
+#[derive(Clone, Debug)]
+pub struct Seat {
+    /// The loop.
+    pub contract: Arc<LoopContract>,
+    /// The namespace the node lives in.
+    pub namespace: String,
+    /// The DDS domain.
+    pub domain: Domain,
+    /// Where to leave the digest, if one is wanted.
+    pub digest_dir: Option<PathBuf>,
+    /// Set to leave before the run ends.
+    pub stop: Arc<AtomicBool>,
+}
+
+/// The ports of node `N` in `namespace`.
+pub fn interface<N: FeederNode>(namespace: &str, config: &N::Config) -> Interface {
+    let mut declare = Declare::new(namespace);
+    let _ = N::declare(&mut declare, config);
+    declare.finish()
+}
+
+/// Runs node `N` in a loop until the run ends.
+///
+/// # Errors
+/// [`RunError`] when the node, the loop or DDS fails. The clock is told.
+pub fn run_in_loop<N: FeederNode>(seat: &Seat, config: &N::Config) -> Result<(), RunError> {
+    let mut declare = Declare::new(&seat.namespace);
+    let ports = N::declare(&mut declare, config);
+    let interface = declare.finish();
+    let node = N::open(ports, config).map_err(RunError::Node)?;
+    run_opened(seat, node, N::NAME, interface)
+}
+
+/// Runs a node that its caller has opened itself; see [`run_in_loop`].
+///
+/// # Errors
+/// As [`run_in_loop`].
+pub fn run_opened<N: FeederNode>(seat: &Seat, node: N, name: &str, interface: Interface) -> Result<(), RunError> {
+    let full_name = full_name(&seat.namespace, name);
+    let participant = Participant::open(&seat.domain, &NodeName::new(&seat.namespace, name)?)?;
+    let (sender, inbox) = channel();
+    let links = DdsLinks::open(&participant, &seat.contract, &full_name, &sender)?;
+    let public = PublicSide::open(&participant, &interface, &sender)?;
+    let digest = Digest::new(seat.digest_dir.as_deref(), &full_name, &seat.contract.shared_topics);
+    Runner::new(node, full_name, interface, &seat.contract, links, Some(public), digest)?.run(&inbox, &seat.stop)
+}
+
+/// Reads a configuration: the file's, or the built-in one.
+///
+/// # Errors
+/// [`NodeError`] naming the file and what is wrong in it.
+pub fn read_config<N: FeederNode>(file: Option<&Path>) -> Result<N::Config, NodeError> {
+    let Some(file) = file else { return Ok(N::Config::default()) };
+    let text = std::fs::read_to_string(file).map_err(|error| NodeError::new(format!("{}: {error}", file.display())))?;
+    text.parse().map_err(|error| NodeError::new(format!("{}: {error}", file.display())))
+}

@@ -1,0 +1,363 @@
+//! The clock's side of the loop: it grants ticks, paces, notices who is missing and ends the run. No I/O.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use minifactory_msgs::msg::{LoopGrant, LoopStatus};
+
+use super::contract::LoopContract;
+
+/// Wall time without any progress after which a run is ended.
+pub const STALL_LIMIT: Duration = Duration::from_secs(3);
+/// Wall time without a word after which a node counts as silent. Live nodes report at least every 100 ms.
+const SILENCE_LIMIT: Duration = Duration::from_millis(1500);
+
+/// How fast simulated time may pass.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Speed {
+    /// As fast as the machine allows.
+    Max,
+    /// At most this many simulated seconds per wall second.
+    Paced(f64),
+}
+
+/// Why a run ended early.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub enum ClockError {
+    /// Nodes did not appear or could not connect in time.
+    #[error("the loop did not come up within {after:?}: {missing}")]
+    NotWired {
+        /// How long the clock waited.
+        after: Duration,
+        /// Who is absent or not wired.
+        missing: String,
+    },
+    /// The loop stands still.
+    #[error("no progress at tick {tick} for {stalled_for:?}: {culprits}")]
+    Stalled {
+        /// The tick the slowest node stands at.
+        tick: u64,
+        /// For how long.
+        stalled_for: Duration,
+        /// Who is silent, and what each live node waits for.
+        culprits: String,
+    },
+    /// A node reported an error.
+    #[error("{node} failed: {message}")]
+    NodeFailed {
+        /// The node.
+        node: String,
+        /// Its error.
+        message: String,
+    },
+}
+
+#[derive(Debug)]
+struct Seen {
+    tick: u64,
+    wired: bool,
+    waiting_for: String,
+    heard_at: Duration,
+}
+
+/// The state of the clock. Wall time arrives as the time since the clock was made.
+#[derive(Debug)]
+pub struct Clock {
+    contract: LoopContract,
+    speed: Speed,
+    start_up_limit: Duration,
+    nodes: BTreeMap<String, Seen>,
+    started_at: Option<Duration>,
+    granted_until: u64,
+    end_tick: u64,
+    slowest: u64,
+    progress_at: Duration,
+}
+
+impl Clock {
+    /// A clock for `contract` that ends the run at `end_tick` at the latest.
+    #[must_use]
+    pub fn new(contract: LoopContract, speed: Speed, end_tick: u64, start_up_limit: Duration) -> Self {
+        Self {
+            contract,
+            speed,
+            start_up_limit,
+            nodes: BTreeMap::new(),
+            started_at: None,
+            granted_until: 0,
+            end_tick,
+            slowest: 0,
+            progress_at: Duration::ZERO,
+        }
+    }
+
+    /// The tick that every node has reached.
+    #[must_use]
+    pub fn tick(&self) -> u64 {
+        self.slowest
+    }
+
+    /// When the first tick was granted, since the clock was made.
+    #[must_use]
+    pub fn started_at(&self) -> Option<Duration> {
+        self.started_at
+    }
+
+    /// Whether every node has reached the end.
+    #[must_use]
+    pub fn finished(&self) -> bool {
+        self.started_at.is_some() && self.slowest >= self.end_tick
+    }
+
+    /// Ends the run at the next tick that every node can reach.
+    pub fn end_early(&mut self) {
+        self.end_tick = self.end_tick.min(self.granted_until);
+    }
+
+    /// The last grant, as it was sent.
+    #[must_use]
+    pub fn last_grant(&self) -> LoopGrant {
+        LoopGrant {
+            run_id: self.contract.run_id,
+            until_tick: self.granted_until,
+            end_tick: self.end_tick,
+            ended: self.finished(),
+        }
+    }
+
+    /// Takes in what a node says of itself; a status of another run, or of a node outside the loop, is ignored.
+    ///
+    /// # Errors
+    /// [`ClockError::NodeFailed`] when the node reports an error.
+    pub fn accept(&mut self, status: &LoopStatus, now: Duration) -> Result<(), ClockError> {
+        if status.run_id != self.contract.run_id || self.contract.node_index(&status.node).is_none() {
+            return Ok(());
+        }
+        if !status.error.is_empty() {
+            return Err(ClockError::NodeFailed { node: status.node.clone(), message: status.error.clone() });
+        }
+        // No grant reaches beyond goal + window before this arrives, so every run of a seed ends at the same tick.
+        if status.goal_tick != LoopStatus::NO_GOAL {
+            self.end_tick = self.end_tick.min(status.goal_tick + self.contract.timing.window_ticks);
+        }
+        let seen = self.nodes.entry(status.node.clone()).or_insert_with(|| Seen {
+            tick: 0,
+            wired: false,
+            waiting_for: String::new(),
+            heard_at: now,
+        });
+        seen.tick = seen.tick.max(status.tick);
+        seen.wired |= status.wired;
+        seen.waiting_for.clone_from(&status.waiting_for);
+        seen.heard_at = now;
+        let slowest = self.slowest_tick();
+        if slowest > self.slowest {
+            self.slowest = slowest;
+            self.progress_at = now;
+        }
+        Ok(())
+    }
+
+    /// The grant to send now, if it differs enough from the last one or `renew` asks for it.
+    pub fn grant(&mut self, now: Duration, renew: bool) -> Option<LoopGrant> {
+        if self.started_at.is_none() {
+            if !self.all_wired() {
+                return None;
+            }
+            self.started_at = Some(now);
+            self.progress_at = now;
+        }
+        let window = self.contract.timing.window_ticks;
+        let until = (self.slowest + window).min(self.paced_tick(now)).min(self.end_tick);
+        let due = until > self.granted_until
+            && (until >= self.granted_until + (window / 4).max(1)
+                || until == self.end_tick
+                || matches!(self.speed, Speed::Paced(_)));
+        if !(due || renew) {
+            return None;
+        }
+        if self.granted_until == self.slowest && until > self.granted_until {
+            // Waiting for the pace is no stall.
+            self.progress_at = now;
+        }
+        self.granted_until = self.granted_until.max(until);
+        Some(self.last_grant())
+    }
+
+    /// Checks that the loop lives.
+    ///
+    /// # Errors
+    /// [`ClockError::NotWired`] or [`ClockError::Stalled`], naming the nodes at fault.
+    pub fn check(&self, now: Duration) -> Result<(), ClockError> {
+        if self.started_at.is_none() {
+            if now < self.start_up_limit {
+                return Ok(());
+            }
+            return Err(ClockError::NotWired { after: self.start_up_limit, missing: self.missing(now) });
+        }
+        let stalled_for = now.saturating_sub(self.progress_at);
+        if self.finished() || self.granted_until == self.slowest || stalled_for < STALL_LIMIT {
+            return Ok(());
+        }
+        Err(ClockError::Stalled { tick: self.slowest, stalled_for, culprits: self.culprits(now) })
+    }
+
+    fn slowest_tick(&self) -> u64 {
+        if self.nodes.len() < self.contract.nodes.len() {
+            return 0;
+        }
+        self.nodes.values().map(|seen| seen.tick).min().unwrap_or(0)
+    }
+
+    fn all_wired(&self) -> bool {
+        self.nodes.len() == self.contract.nodes.len() && self.nodes.values().all(|seen| seen.wired)
+    }
+
+    /// The tick that wall time allows.
+    fn paced_tick(&self, now: Duration) -> u64 {
+        match (self.speed, self.started_at) {
+            (Speed::Paced(speed), Some(started_at)) => {
+                let elapsed_s = now.saturating_sub(started_at).as_secs_f64();
+                let tick_s = Duration::from_nanos(self.contract.timing.tick_ns).as_secs_f64();
+                let ticks = elapsed_s * speed / tick_s;
+                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates, and is never negative")]
+                let whole = ticks as u64;
+                whole + 1
+            }
+            _ => u64::MAX,
+        }
+    }
+
+    fn missing(&self, now: Duration) -> String {
+        let mut missing = Vec::new();
+        for node in &self.contract.nodes {
+            match self.nodes.get(node) {
+                None => missing.push(format!("{node} was never heard")),
+                Some(seen) if now.saturating_sub(seen.heard_at) > SILENCE_LIMIT => {
+                    missing.push(format!("{node} has gone silent"));
+                }
+                Some(seen) if !seen.wired => missing.push(format!("{node} is up but waits for {}", seen.waiting_for)),
+                Some(_) => {}
+            }
+        }
+        missing.join(", ")
+    }
+
+    fn culprits(&self, now: Duration) -> String {
+        let silent_for = |seen: &Seen| now.saturating_sub(seen.heard_at);
+        let silent: Vec<String> = self
+            .nodes
+            .iter()
+            .filter(|(_, seen)| silent_for(seen) > SILENCE_LIMIT)
+            .map(|(node, seen)| format!("{node} has been silent for {:.1} s", silent_for(seen).as_secs_f64()))
+            .collect();
+        if !silent.is_empty() {
+            return silent.join(", ");
+        }
+        let waiting: Vec<String> =
+            self.nodes.iter().map(|(node, seen)| format!("{node} waits for {}", seen.waiting_for)).collect();
+        waiting.join(", ")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lockstep::LoopTiming;
+
+    fn clock(speed: Speed) -> Clock {
+        let timing = LoopTiming { tick_ns: 10_000_000, forward_delay_ticks: 1, feedback_delay_ticks: 10, window_ticks: 32 };
+        let contract = LoopContract {
+            run_id: 7,
+            timing,
+            nodes: vec!["a".into(), "b".into()],
+            edges: Vec::new(),
+            shared_topics: Vec::new(),
+        };
+        Clock::new(contract, speed, 1000, Duration::from_secs(10))
+    }
+
+    fn status(node: &str, tick: u64) -> LoopStatus {
+        LoopStatus { run_id: 7, node: node.into(), tick, wired: true, goal_tick: LoopStatus::NO_GOAL, ..Default::default() }
+    }
+
+    const fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    #[test]
+    fn nothing_is_granted_before_every_node_is_wired() {
+        let mut clock = clock(Speed::Max);
+        clock.accept(&status("a", 0), ms(1)).unwrap();
+        assert_eq!(clock.grant(ms(2), true), None);
+        clock.accept(&status("b", 0), ms(3)).unwrap();
+        assert_eq!(clock.grant(ms(4), false).unwrap().until_tick, 32);
+    }
+
+    #[test]
+    fn grants_follow_the_slowest_node() {
+        let mut clock = clock(Speed::Max);
+        clock.accept(&status("a", 0), ms(0)).unwrap();
+        clock.accept(&status("b", 0), ms(0)).unwrap();
+        clock.grant(ms(0), false).unwrap();
+        clock.accept(&status("a", 30), ms(1)).unwrap();
+        assert_eq!(clock.grant(ms(1), false), None);
+        clock.accept(&status("b", 8), ms(2)).unwrap();
+        assert_eq!(clock.grant(ms(2), false).unwrap().until_tick, 40);
+    }
+
+    #[test]
+    fn pacing_holds_back_and_is_no_stall() {
+        let mut clock = clock(Speed::Paced(1.0));
+        clock.accept(&status("a", 0), ms(0)).unwrap();
+        clock.accept(&status("b", 0), ms(0)).unwrap();
+        assert_eq!(clock.grant(ms(0), false).unwrap().until_tick, 1);
+        clock.accept(&status("a", 1), ms(1)).unwrap();
+        clock.accept(&status("b", 1), ms(1)).unwrap();
+        assert_eq!(clock.grant(ms(5), false), None);
+        assert_eq!(clock.grant(ms(25), false).unwrap().until_tick, 3);
+        assert_eq!(clock.check(ms(25)), Ok(()));
+    }
+
+    #[test]
+    fn a_silent_node_is_named() {
+        let mut clock = clock(Speed::Max);
+        clock.accept(&status("a", 0), ms(0)).unwrap();
+        clock.accept(&status("b", 0), ms(0)).unwrap();
+        clock.grant(ms(0), false).unwrap();
+        clock.accept(&status("a", 11), ms(2900)).unwrap();
+        let error = clock.check(ms(3100)).unwrap_err();
+        assert!(error.to_string().contains("b has been silent"), "{error}");
+        assert!(!error.to_string().contains("a has been silent"), "{error}");
+    }
+
+    #[test]
+    fn a_missing_node_is_named_after_the_start_up_limit() {
+        let mut clock = clock(Speed::Max);
+        clock.accept(&status("a", 0), ms(9900)).unwrap();
+        let error = clock.check(ms(10_000)).unwrap_err();
+        assert!(error.to_string().contains("b was never heard"), "{error}");
+    }
+
+    #[test]
+    fn a_goal_ends_the_run_one_window_later() {
+        let mut clock = clock(Speed::Max);
+        clock.accept(&status("a", 0), ms(0)).unwrap();
+        clock.accept(&status("b", 0), ms(0)).unwrap();
+        clock.grant(ms(0), false).unwrap();
+        clock.accept(&LoopStatus { goal_tick: 20, ..status("a", 21) }, ms(1)).unwrap();
+        clock.accept(&status("b", 32), ms(1)).unwrap();
+        let grant = clock.grant(ms(1), false).unwrap();
+        assert_eq!((grant.until_tick, grant.end_tick), (52, 52));
+        clock.accept(&status("a", 52), ms(2)).unwrap();
+        clock.accept(&status("b", 52), ms(2)).unwrap();
+        assert!(clock.grant(ms(2), true).unwrap().ended);
+    }
+
+    #[test]
+    fn statuses_of_other_runs_are_ignored() {
+        let mut clock = clock(Speed::Max);
+        clock.accept(&LoopStatus { run_id: 8, error: "boom".into(), ..status("a", 5) }, ms(0)).unwrap();
+        assert!(clock.check(ms(10_000)).unwrap_err().to_string().contains("a was never heard"));
+    }
+}

@@ -1,0 +1,181 @@
+//! Runs the clock: hears statuses, sends grants, publishes `/clock`.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::time::{Duration, Instant};
+
+use minifactory_msgs::Message;
+use minifactory_msgs::msg::{LoopGrant, LoopStatus};
+use minifactory_msgs::rosgraph_msgs::msg::Clock as ClockMessage;
+
+use super::clock::{Clock, ClockError};
+use super::contract::LoopContract;
+use super::links::{GRANT_TOPIC, LoopWriter, STATUS_TOPIC, read};
+use super::runner::RunError;
+use crate::cdr;
+use crate::dds::{DdsError, Participant, Qos, Reader, Writer};
+use crate::digest::Digest;
+use crate::node::{Interface, Port, PortKind, stamp_of_ns};
+
+/// Between grants that say nothing new, so that a node can tell a slow clock from a dead one.
+const RENEW_PERIOD: Duration = Duration::from_millis(100);
+/// The clock waits no longer than this, so that pacing stays smooth.
+const POLL_PERIOD: Duration = Duration::from_millis(2);
+
+/// Why a run ended early.
+#[derive(Debug, thiserror::Error)]
+pub enum RunEnd {
+    /// The loop broke.
+    #[error(transparent)]
+    Clock(#[from] ClockError),
+    /// A grant could not be sent.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// Whoever watches the processes found one gone.
+    #[error("{0}")]
+    Watcher(String),
+}
+
+/// The clock of a run over DDS.
+pub struct ClockRunner {
+    clock: Clock,
+    tick_ns: u64,
+    statuses: Receiver<LoopStatus>,
+    grant: LoopWriter,
+    time: Writer,
+    time_port: Port,
+    told_tick: u64,
+    digest: Digest,
+    made_at: Instant,
+    _reader: Reader,
+}
+
+/// What the clock itself publishes on the graph.
+#[must_use]
+pub fn clock_interface() -> Interface {
+    Interface {
+        ports: vec![Port {
+            kind: PortKind::Publish,
+            name: "/clock".to_owned(),
+            ros_type: ClockMessage::INFO.ros_type(),
+            dds_types: vec![ClockMessage::INFO.dds_type()],
+            qos: Qos::sensor(),
+        }],
+    }
+}
+
+impl ClockRunner {
+    /// Opens the clock's end of the loop.
+    ///
+    /// # Errors
+    /// When DDS refuses an endpoint.
+    pub fn open(participant: &Participant, contract: &LoopContract, clock: Clock, digest: Digest) -> Result<Self, DdsError> {
+        let (sender, statuses): (Sender<LoopStatus>, _) = channel();
+        let reader = read(participant, STATUS_TOPIC, move |status: LoopStatus| {
+            // A closed inbox belongs to a clock that has stopped.
+            let _ = sender.send(status);
+        })?;
+        let time_port = clock_interface().ports.remove(0);
+        Ok(Self {
+            clock,
+            tick_ns: contract.timing.tick_ns,
+            statuses,
+            grant: LoopWriter::open::<LoopGrant>(participant, GRANT_TOPIC)?,
+            time: participant.writer(&time_port.name, &time_port.dds_types[0], &time_port.qos)?,
+            time_port,
+            told_tick: 0,
+            digest,
+            made_at: Instant::now(),
+            _reader: reader,
+        })
+    }
+
+    /// When the first tick was granted.
+    #[must_use]
+    pub fn started_at(&self) -> Option<Instant> {
+        self.clock.started_at().map(|since| self.made_at + since)
+    }
+
+    /// The tick every node has reached.
+    #[must_use]
+    pub fn tick(&self) -> u64 {
+        self.clock.tick()
+    }
+
+    /// Runs until the end, asking `watch` about every 100 ms whether all is well. When `stop` is set the run ends
+    /// cleanly at the next tick all nodes can reach.
+    ///
+    /// # Errors
+    /// [`RunEnd`] naming the node at fault. The nodes are told to leave in any case.
+    pub fn run(
+        &mut self,
+        stop: &AtomicBool,
+        mut watch: impl FnMut(u64) -> Result<(), String>,
+    ) -> Result<(), RunEnd> {
+        let result = self.run_to_the_end(stop, &mut watch);
+        if result.is_err() {
+            let ended = LoopGrant { ended: true, ..self.clock.last_grant() };
+            // The run has failed already; nodes that miss this leave when grants stop coming.
+            let _ = self.grant.send(&ended);
+        }
+        result
+    }
+
+    /// Leaves the digest of `/clock`.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn finish(self) -> std::io::Result<()> {
+        self.digest.finish()
+    }
+
+    fn run_to_the_end(
+        &mut self,
+        stop: &AtomicBool,
+        watch: &mut impl FnMut(u64) -> Result<(), String>,
+    ) -> Result<(), RunEnd> {
+        let mut renewed_at = Instant::now();
+        loop {
+            match self.statuses.recv_timeout(POLL_PERIOD) {
+                Ok(status) => self.clock.accept(&status, self.made_at.elapsed())?,
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => {}
+            }
+            while let Ok(status) = self.statuses.try_recv() {
+                self.clock.accept(&status, self.made_at.elapsed())?;
+            }
+            if stop.load(Ordering::Relaxed) {
+                if self.clock.started_at().is_none() {
+                    return Err(RunEnd::Watcher("stopped before the loop was up".to_owned()));
+                }
+                self.clock.end_early();
+            }
+            self.tell_time();
+            let renew = renewed_at.elapsed() >= RENEW_PERIOD;
+            if let Some(grant) = self.clock.grant(self.made_at.elapsed(), renew || self.clock.finished()) {
+                self.grant.send(&grant)?;
+                if grant.ended {
+                    return Ok(());
+                }
+            }
+            if renew {
+                renewed_at = Instant::now();
+                watch(self.clock.tick()).map_err(RunEnd::Watcher)?;
+                self.clock.check(self.made_at.elapsed())?;
+            }
+        }
+    }
+
+    /// Publishes `/clock` for every tick that all nodes have reached.
+    fn tell_time(&mut self) {
+        while self.told_tick < self.clock.tick() {
+            self.told_tick += 1;
+            let message = ClockMessage { clock: stamp_of_ns(self.told_tick * self.tick_ns) };
+            let Ok(payload) = cdr::encode(&message) else { return };
+            self.digest.add(&self.time_port, self.told_tick, &payload);
+            if self.time.matched_readers() > 0 {
+                // Best effort: a viewer that misses a tick sees the next.
+                let _ = self.time.publish(payload);
+            }
+        }
+    }
+}

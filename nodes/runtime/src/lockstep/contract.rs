@@ -1,0 +1,289 @@
+//! The contract of a run: who is in the loop, who hears whom, and how late.
+
+use serde::{Deserialize, Serialize};
+
+use crate::node::{Interface, Latency, PortKind};
+
+/// How latencies become ticks, and how far nodes may run ahead.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LoopTiming {
+    /// Length of a tick, ns.
+    pub tick_ns: u64,
+    /// Delay of [`Latency::Forward`] edges, ticks, at least 1.
+    pub forward_delay_ticks: u64,
+    /// Delay of [`Latency::Feedback`] edges, ticks, at least 1.
+    pub feedback_delay_ticks: u64,
+    /// How many ticks the clock grants ahead of the slowest node.
+    pub window_ticks: u64,
+}
+
+/// Unread samples a DDS reader holds before it forgets (64), less a margin for control messages.
+const READER_CAPACITY_TICKS: u64 = 56;
+
+/// What one edge carries, in the order of its port numbers.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Channel {
+    /// Messages of a topic.
+    Topic(String),
+    /// Requests to a service.
+    Request(String),
+    /// Replies of a service.
+    Reply(String),
+}
+
+/// Everything one node sends to another: one ordered stream of bundles.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Edge {
+    /// Index of the sending node.
+    pub from: usize,
+    /// Index of the receiving node.
+    pub to: usize,
+    /// What is sent in tick k is consumed in tick k + `delay_ticks`.
+    pub delay_ticks: u64,
+    /// Port number → channel.
+    pub channels: Vec<Channel>,
+}
+
+/// The whole loop, known to every node before it starts.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LoopContract {
+    /// Distinguishes this run from stale messages of others.
+    pub run_id: u64,
+    /// Ticks and delays.
+    pub timing: LoopTiming,
+    /// Names of the nodes in the loop; edges refer to them by index.
+    pub nodes: Vec<String>,
+    /// Who hears whom.
+    pub edges: Vec<Edge>,
+    /// Topics with more than one publisher, whose digest needs the payloads of all of them.
+    pub shared_topics: Vec<String>,
+}
+
+/// Why no loop can be built.
+#[derive(Debug, thiserror::Error, PartialEq, Eq)]
+pub enum ContractError {
+    /// Two nodes of one name.
+    #[error("node name {name:?} is used twice; names in a loop must differ")]
+    DuplicateNode {
+        /// The name.
+        name: String,
+    },
+    /// Nobody publishes what a node needs.
+    #[error("{node} subscribes to {name}, which no node of the loop publishes")]
+    NoPublisher {
+        /// The subscriber.
+        node: String,
+        /// The topic.
+        name: String,
+    },
+    /// Nobody serves what a node calls.
+    #[error("{node} calls {name}, which no node of the loop serves")]
+    NoServer {
+        /// The client.
+        node: String,
+        /// The service.
+        name: String,
+    },
+    /// Two nodes serve one service.
+    #[error("{name} is served by both {first} and {second}; a service has one server")]
+    TwoServers {
+        /// The service.
+        name: String,
+        /// One server.
+        first: String,
+        /// The other.
+        second: String,
+    },
+    /// Publisher and subscriber disagree about a type.
+    #[error("{node} expects {expected} on {name}, but {other} uses {found}")]
+    TypeMismatch {
+        /// The subscriber or client.
+        node: String,
+        /// Topic or service.
+        name: String,
+        /// Type of the subscriber or client.
+        expected: String,
+        /// The publisher or server.
+        other: String,
+        /// Its type.
+        found: String,
+    },
+    /// The window does not fit the readers.
+    #[error(
+        "window_ticks {window_ticks} + the largest delay {largest_delay_ticks} is more than the {READER_CAPACITY_TICKS} \
+         ticks a reader may leave unread"
+    )]
+    WindowTooLarge {
+        /// The grant window.
+        window_ticks: u64,
+        /// The largest delay of an edge.
+        largest_delay_ticks: u64,
+    },
+    /// A tick or delay of zero.
+    #[error("{key} must be at least 1")]
+    Zero {
+        /// Which value.
+        key: &'static str,
+    },
+}
+
+impl LoopContract {
+    /// Connects the nodes' interfaces.
+    ///
+    /// # Errors
+    /// [`ContractError`] when names collide, a subscription or call finds no partner of its type, or the timing does
+    /// not fit.
+    pub fn connect(run_id: u64, timing: LoopTiming, nodes: &[(String, Interface)]) -> Result<Self, ContractError> {
+        for (key, value) in [
+            ("tick_ns", timing.tick_ns),
+            ("forward_delay_ticks", timing.forward_delay_ticks),
+            ("feedback_delay_ticks", timing.feedback_delay_ticks),
+            ("window_ticks", timing.window_ticks),
+        ] {
+            if value == 0 {
+                return Err(ContractError::Zero { key });
+            }
+        }
+        let largest_delay_ticks = timing.forward_delay_ticks.max(timing.feedback_delay_ticks);
+        if timing.window_ticks + largest_delay_ticks > READER_CAPACITY_TICKS {
+            return Err(ContractError::WindowTooLarge { window_ticks: timing.window_ticks, largest_delay_ticks });
+        }
+        let mut builder = Builder { timing, nodes, edges: Vec::new() };
+        for (index, (name, _)) in nodes.iter().enumerate() {
+            if nodes[..index].iter().any(|(other, _)| other == name) {
+                return Err(ContractError::DuplicateNode { name: name.clone() });
+            }
+        }
+        for node in 0..nodes.len() {
+            builder.connect_inputs(node)?;
+        }
+        builder.edges.sort_by_key(|edge| (edge.to, edge.from));
+        Ok(Self {
+            run_id,
+            timing,
+            nodes: nodes.iter().map(|(name, _)| name.clone()).collect(),
+            edges: builder.edges,
+            shared_topics: shared_topics(nodes),
+        })
+    }
+
+    /// Index of the node called `name`.
+    #[must_use]
+    pub fn node_index(&self, name: &str) -> Option<usize> {
+        self.nodes.iter().position(|node| node == name)
+    }
+
+    /// The topic that carries `edge`: hidden, as ROS 2 hides names with a leading underscore.
+    #[must_use]
+    pub fn edge_topic(&self, edge: &Edge) -> String {
+        format!("/_loop{}/to{}", self.nodes[edge.from], self.nodes[edge.to])
+    }
+}
+
+struct Builder<'a> {
+    timing: LoopTiming,
+    nodes: &'a [(String, Interface)],
+    edges: Vec<Edge>,
+}
+
+impl Builder<'_> {
+    fn connect_inputs(&mut self, node: usize) -> Result<(), ContractError> {
+        let (name, interface) = &self.nodes[node];
+        for port in &interface.ports {
+            let partners: Vec<usize> = match port.kind {
+                PortKind::Subscribe(_) => self.partners(node, &port.name, PortKind::Publish),
+                PortKind::Call(_) => self.partners(node, &port.name, PortKind::Serve),
+                PortKind::Publish | PortKind::Serve => continue,
+            };
+            for &partner in &partners {
+                self.check_type(node, partner, &port.name, &port.ros_type)?;
+            }
+            match port.kind {
+                PortKind::Subscribe(latency) => {
+                    if partners.is_empty() {
+                        return Err(ContractError::NoPublisher { node: name.clone(), name: port.name.clone() });
+                    }
+                    for publisher in partners {
+                        self.carry(publisher, node, latency, Channel::Topic(port.name.clone()));
+                    }
+                }
+                PortKind::Call(latency) => match partners[..] {
+                    [] => return Err(ContractError::NoServer { node: name.clone(), name: port.name.clone() }),
+                    [server] => {
+                        self.carry(node, server, latency, Channel::Request(port.name.clone()));
+                        self.carry(server, node, Latency::Forward, Channel::Reply(port.name.clone()));
+                    }
+                    [first, second, ..] => {
+                        return Err(ContractError::TwoServers {
+                            name: port.name.clone(),
+                            first: self.nodes[first].0.clone(),
+                            second: self.nodes[second].0.clone(),
+                        });
+                    }
+                },
+                PortKind::Publish | PortKind::Serve => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn partners(&self, node: usize, name: &str, kind: PortKind) -> Vec<usize> {
+        (0..self.nodes.len())
+            .filter(|&other| other != node && self.nodes[other].1.ports.iter().any(|p| p.kind == kind && p.name == name))
+            .collect()
+    }
+
+    fn check_type(&self, node: usize, partner: usize, name: &str, expected: &str) -> Result<(), ContractError> {
+        let found = self.nodes[partner]
+            .1
+            .ports
+            .iter()
+            .find(|p| p.name == name && matches!(p.kind, PortKind::Publish | PortKind::Serve) && p.ros_type != expected);
+        match found {
+            None => Ok(()),
+            Some(port) => Err(ContractError::TypeMismatch {
+                node: self.nodes[node].0.clone(),
+                name: name.to_owned(),
+                expected: expected.to_owned(),
+                other: self.nodes[partner].0.clone(),
+                found: port.ros_type.clone(),
+            }),
+        }
+    }
+
+    /// Adds `channel` to the edge; an edge is as late as the latest thing it carries.
+    fn carry(&mut self, from: usize, to: usize, latency: Latency, channel: Channel) {
+        let delay_ticks = match latency {
+            Latency::Forward => self.timing.forward_delay_ticks,
+            Latency::Feedback => self.timing.feedback_delay_ticks,
+        };
+        if let Some(edge) = self.edges.iter_mut().find(|edge| (edge.from, edge.to) == (from, to)) {
+            edge.delay_ticks = edge.delay_ticks.max(delay_ticks);
+            if !edge.channels.contains(&channel) {
+                edge.channels.push(channel);
+            }
+        } else {
+            self.edges.push(Edge { from, to, delay_ticks, channels: vec![channel] });
+        }
+    }
+}
+
+fn shared_topics(nodes: &[(String, Interface)]) -> Vec<String> {
+    let published = |interface: &Interface, name: &str| {
+        interface.ports.iter().any(|p| p.kind == PortKind::Publish && p.name == name)
+    };
+    let mut shared: Vec<String> = nodes
+        .iter()
+        .flat_map(|(_, interface)| &interface.ports)
+        .filter(|port| port.kind == PortKind::Publish)
+        .filter(|port| nodes.iter().filter(|(_, other)| published(other, &port.name)).count() > 1)
+        .map(|port| port.name.clone())
+        .collect();
+    shared.sort();
+    shared.dedup();
+    shared
+}

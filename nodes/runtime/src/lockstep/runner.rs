@@ -1,0 +1,361 @@
+//! Runs one node in the loop: receives bundles and grants, steps, sends. The only place where the loop meets threads.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
+
+use minifactory_msgs::msg::{LoopBundle, LoopGrant, LoopStatus};
+
+use super::contract::{Channel, LoopContract};
+use super::engine::{Blocked, Engine, LoopError, Route};
+use crate::digest::Digest;
+use crate::node::{
+    Arrival, Asker, AskerInner, FeederNode, Interface, NodeError, Output, PortKind, StepIo, split_call, with_call,
+};
+use crate::public::PublicSide;
+
+/// Between probes while the loop comes up.
+const PROBE_PERIOD: Duration = Duration::from_millis(20);
+/// Between statuses while a node is blocked.
+const HEARTBEAT_PERIOD: Duration = Duration::from_millis(100);
+/// A node that hears no grant for this long has lost its clock.
+const CLOCK_LIMIT: Duration = Duration::from_secs(5);
+/// Steps between looks at the inbox while a node runs ahead.
+const STEPS_PER_LOOK: usize = 4;
+
+/// What arrives at a node of the loop.
+#[derive(Debug)]
+pub(crate) enum Incoming {
+    /// A bundle on the edge with this index in the contract.
+    Bundle(usize, LoopBundle),
+    /// A grant of the clock.
+    Grant(LoopGrant),
+    /// Something from outside the loop for this port.
+    Outside(usize, Arrival),
+}
+
+/// How a node of the loop reaches the others.
+pub(crate) trait Links: Send {
+    /// Sends a bundle on the edge with this index in the contract.
+    fn send_bundle(&mut self, edge: usize, bundle: LoopBundle) -> Result<(), RunError>;
+    /// Tells the clock how things stand.
+    fn send_status(&mut self, status: LoopStatus) -> Result<(), RunError>;
+}
+
+/// Why a node left the loop.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The stream of inputs broke.
+    #[error(transparent)]
+    Loop(#[from] LoopError),
+    /// The node itself failed.
+    #[error("{0}")]
+    Node(#[source] NodeError),
+    /// Nothing was heard of the clock.
+    #[error("no word from the clock for {CLOCK_LIMIT:?}; the run is over")]
+    ClockLost,
+    /// Asked to stop before the run ended.
+    #[error("stopped by a signal at tick {tick}")]
+    Stopped {
+        /// The next tick it would have run.
+        tick: u64,
+    },
+    /// A message could not be sent.
+    #[error("cannot send to {topic}: {reason}")]
+    Send {
+        /// The topic.
+        topic: String,
+        /// Why not.
+        reason: String,
+    },
+    /// The digest could not be kept.
+    #[error("cannot keep the digest: {0}")]
+    Digest(#[from] std::io::Error),
+    /// The middleware refused.
+    #[error(transparent)]
+    Dds(#[from] crate::dds::DdsError),
+}
+
+/// A node in the loop, ready to run.
+pub(crate) struct Runner<N, L> {
+    node: N,
+    name: String,
+    run_id: u64,
+    interface: Interface,
+    engine: Engine,
+    routing: Routing,
+    io: StepIo,
+    links: L,
+    public: Option<PublicSide>,
+    digest: Digest,
+    status_period_ticks: u64,
+    goal_tick: u64,
+}
+
+struct Routing {
+    /// In-edge → port of that edge → port of the node.
+    arrivals: Vec<Vec<(usize, Carries)>>,
+    /// Port of the node → where its messages or requests go.
+    sends: Vec<Vec<Route>>,
+    /// In-edge → port of the node → where replies to that edge's client go.
+    replies: Vec<Vec<Option<Route>>>,
+}
+
+#[derive(Clone, Copy)]
+enum Carries {
+    Message,
+    Request,
+    Reply,
+}
+
+impl<N: FeederNode, L: Links> Runner<N, L> {
+    pub(crate) fn new(
+        node: N,
+        name: String,
+        interface: Interface,
+        contract: &LoopContract,
+        links: L,
+        public: Option<PublicSide>,
+        digest: Digest,
+    ) -> Result<Self, LoopError> {
+        let engine = Engine::new(contract, &name)?;
+        let routing = Routing::new(&interface, &engine, contract);
+        Ok(Self {
+            node,
+            name,
+            run_id: contract.run_id,
+            io: StepIo::new(interface.ports.len(), contract.timing.tick_ns),
+            interface,
+            engine,
+            routing,
+            links,
+            public,
+            digest,
+            status_period_ticks: (contract.timing.window_ticks / 4).max(1),
+            goal_tick: LoopStatus::NO_GOAL,
+        })
+    }
+
+    /// Runs until the clock ends the run, and tells the clock about any failure.
+    pub(crate) fn run(mut self, inbox: &Receiver<Incoming>, stop: &Arc<AtomicBool>) -> Result<(), RunError> {
+        let result = self.run_to_the_end(inbox, stop);
+        let error = result.as_ref().err().map(ToString::to_string).unwrap_or_default();
+        let last_word = LoopStatus { error, finished: true, ..self.status() };
+        let told = self.links.send_status(last_word);
+        self.digest.finish()?;
+        result.and(told)
+    }
+
+    fn run_to_the_end(&mut self, inbox: &Receiver<Incoming>, stop: &Arc<AtomicBool>) -> Result<(), RunError> {
+        let mut said_at = Instant::now();
+        let mut grant_at = Instant::now();
+        let mut started = false;
+        loop {
+            if stop.load(Ordering::Relaxed) {
+                return Err(RunError::Stopped { tick: self.engine.next_tick() });
+            }
+            while let Ok(incoming) = inbox.try_recv() {
+                self.accept(incoming, &mut started, &mut grant_at)?;
+            }
+            if self.engine.ended() {
+                return Ok(());
+            }
+            self.step_while_possible()?;
+            if self.engine.blocked().is_none() {
+                continue;
+            }
+            self.flush(true)?;
+            let period = if started { HEARTBEAT_PERIOD } else { PROBE_PERIOD };
+            if said_at.elapsed() >= period {
+                said_at = Instant::now();
+                if !started {
+                    for (edge, probe) in self.engine.probes() {
+                        self.links.send_bundle(edge, probe)?;
+                    }
+                }
+                self.links.send_status(self.status())?;
+            }
+            if started && grant_at.elapsed() > CLOCK_LIMIT {
+                return Err(RunError::ClockLost);
+            }
+            match inbox.recv_timeout(period.saturating_sub(said_at.elapsed())) {
+                Ok(incoming) => self.accept(incoming, &mut started, &mut grant_at)?,
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Err(RunError::ClockLost),
+            }
+        }
+    }
+
+    fn accept(&mut self, incoming: Incoming, started: &mut bool, grant_at: &mut Instant) -> Result<(), RunError> {
+        match incoming {
+            Incoming::Bundle(edge, bundle) => self.engine.accept_bundle(edge, bundle)?,
+            Incoming::Grant(grant) => {
+                if grant.run_id == self.run_id {
+                    *started = true;
+                    *grant_at = Instant::now();
+                }
+                self.engine.accept_grant(&grant);
+            }
+            Incoming::Outside(port, arrival) => self.io.arrive(port, arrival),
+        }
+        Ok(())
+    }
+
+    fn step_while_possible(&mut self) -> Result<(), RunError> {
+        for _ in 0..STEPS_PER_LOOK {
+            if self.engine.blocked().is_some() {
+                break;
+            }
+            self.step()?;
+            let tick = self.engine.next_tick();
+            let at_the_limit = matches!(self.engine.blocked(), Some(Blocked::Grant | Blocked::Ended));
+            self.flush(at_the_limit)?;
+            if tick.is_multiple_of(self.status_period_ticks) || at_the_limit || self.goal_tick + 1 == tick {
+                self.links.send_status(self.status())?;
+            }
+        }
+        Ok(())
+    }
+
+    fn step(&mut self) -> Result<(), RunError> {
+        let tick = self.engine.next_tick();
+        self.io.begin(tick);
+        self.note_what_is_wanted();
+        for input in self.engine.inputs() {
+            let (port, carries) = self.routing.arrivals[input.edge][usize::from(input.port)];
+            let arrival = match carries {
+                Carries::Message => Arrival::Message { payload: input.payload, little_endian: true },
+                Carries::Request | Carries::Reply => {
+                    let Some((call, payload)) = split_call(&input.payload) else { continue };
+                    if matches!(carries, Carries::Reply) {
+                        Arrival::Reply { payload, little_endian: true, call }
+                    } else {
+                        let asker = Asker(AskerInner::Loop { edge: input.edge, call: call.0 });
+                        Arrival::Request { payload, little_endian: true, asker }
+                    }
+                }
+            };
+            self.io.arrive(port, arrival);
+        }
+        self.node.step(&mut self.io).map_err(RunError::Node)?;
+        self.io.end();
+        for output in std::mem::take(&mut self.io.outputs) {
+            self.send(tick, output)?;
+        }
+        if self.io.goal_reached && self.goal_tick == LoopStatus::NO_GOAL {
+            self.goal_tick = tick;
+        }
+        self.engine.finish_tick();
+        Ok(())
+    }
+
+    /// What only viewers look at need not be made while none is there; the digest wants it all the same.
+    fn note_what_is_wanted(&mut self) {
+        for port in 0..self.interface.ports.len() {
+            let wanted = !self.routing.sends[port].is_empty()
+                || self.digest.active()
+                || self.public.as_ref().is_some_and(|public| public.has_readers(port));
+            self.io.note_wanted(port, wanted);
+        }
+    }
+
+    fn send(&mut self, tick: u64, output: Output) -> Result<(), RunError> {
+        match output {
+            Output::Message { port, payload } => {
+                for &route in &self.routing.sends[port] {
+                    self.engine.send(route, &payload)?;
+                }
+                self.digest.add(&self.interface.ports[port], tick, &payload);
+                if let Some(public) = &mut self.public {
+                    public.publish(port, payload);
+                }
+            }
+            Output::Request { port, call, payload } => {
+                let payload = with_call(call, &payload);
+                for &route in &self.routing.sends[port] {
+                    self.engine.send(route, &payload)?;
+                }
+            }
+            Output::Reply { port, asker, payload } => match asker.0 {
+                AskerInner::Loop { edge, call } => {
+                    if let Some(route) = self.routing.replies[edge][port] {
+                        self.engine.send(route, &with_call(crate::node::CallId(call), &payload))?;
+                    }
+                }
+                AskerInner::Graph(handle) => handle.send(payload),
+            },
+        }
+        Ok(())
+    }
+
+    fn flush(&mut self, all: bool) -> Result<(), RunError> {
+        for (edge, bundle) in self.engine.take_bundles(all) {
+            self.links.send_bundle(edge, bundle)?;
+        }
+        Ok(())
+    }
+
+    fn status(&self) -> LoopStatus {
+        let waiting_for = match self.engine.blocked() {
+            None => String::new(),
+            Some(Blocked::Grant) if !self.engine.wired() => "its inputs".to_owned(),
+            Some(Blocked::Grant) => "the clock".to_owned(),
+            Some(Blocked::Input(from)) => from.to_owned(),
+            Some(Blocked::Ended) => "the end".to_owned(),
+        };
+        LoopStatus {
+            run_id: self.run_id,
+            node: self.name.clone(),
+            tick: self.engine.next_tick(),
+            wired: self.engine.wired(),
+            goal_tick: self.goal_tick,
+            waiting_for,
+            ..LoopStatus::default()
+        }
+    }
+}
+
+impl Routing {
+    fn new(interface: &Interface, engine: &Engine, contract: &LoopContract) -> Self {
+        let find = |name: &str, fits: fn(PortKind) -> bool| {
+            interface.ports.iter().position(|port| fits(port.kind) && port.name == name)
+        };
+        let arrivals = engine
+            .in_edges()
+            .map(|(_, channels)| {
+                channels
+                    .iter()
+                    .map(|channel| match channel {
+                        Channel::Topic(name) => {
+                            (find(name, |kind| matches!(kind, PortKind::Subscribe(_))), Carries::Message)
+                        }
+                        Channel::Request(name) => (find(name, |kind| kind == PortKind::Serve), Carries::Request),
+                        Channel::Reply(name) => (find(name, |kind| matches!(kind, PortKind::Call(_))), Carries::Reply),
+                    })
+                    .filter_map(|(port, carries)| port.map(|port| (port, carries)))
+                    .collect()
+            })
+            .collect();
+        let sends = interface
+            .ports
+            .iter()
+            .map(|port| match port.kind {
+                PortKind::Publish => engine.routes(&Channel::Topic(port.name.clone())),
+                PortKind::Call(_) => engine.routes(&Channel::Request(port.name.clone())),
+                PortKind::Subscribe(_) | PortKind::Serve => Vec::new(),
+            })
+            .collect();
+        let in_edges = engine.in_edges().count();
+        let replies = (0..in_edges)
+            .map(|edge| {
+                let reply = |port: &crate::node::Port| {
+                    let channel = Channel::Reply(port.name.clone());
+                    (port.kind == PortKind::Serve).then(|| engine.reply_route(contract, edge, &channel)).flatten()
+                };
+                interface.ports.iter().map(reply).collect()
+            })
+            .collect();
+        Self { arrivals, sends, replies }
+    }
+}

@@ -1,0 +1,55 @@
+//! What a node is: ports declared once, and a step from stamped inputs to outputs.
+
+mod action;
+mod ports;
+mod step;
+
+pub use action::{
+    ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, ClientEvent, GoalEnd, GoalId, GoalRequest, ServerEvent,
+};
+pub use ports::{Client, Declare, Interface, Latency, Port, PortKind, Publisher, Server, Subscriber};
+pub use step::{Asker, CallId, StepIo, ns_of_stamp, stamp_of_ns};
+pub(crate) use step::{Arrival, AskerInner, Output, split_call, with_call};
+
+/// Why a node cannot start or go on.
+#[derive(Debug, thiserror::Error)]
+#[error(transparent)]
+pub struct NodeError(#[from] Box<dyn std::error::Error + Send + Sync>);
+
+impl NodeError {
+    /// Wraps any error.
+    pub fn new(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
+        Self(error.into())
+    }
+}
+
+/// A node of the feeder, or of an agent beside it.
+///
+/// A node is a function from the inputs of a tick to its outputs, and knows neither threads nor middleware: the same
+/// node runs in lockstep, in its own process or with others in one, and against the wall clock.
+pub trait FeederNode: Sized + Send + 'static {
+    /// Name of the node, of its crate and of its executable.
+    const NAME: &'static str;
+    /// What it is configured by; parsed from a file, or the built-in default.
+    type Config: std::str::FromStr<Err: std::error::Error + Send + Sync + 'static> + Default + Clone + Send + 'static;
+    /// Handles of its ports.
+    type Ports: Send;
+
+    /// The namespaces this configuration asks for a node in, such as `/feeder`; one node lives in each.
+    fn namespaces(config: &Self::Config) -> Vec<String>;
+
+    /// Declares its ports. [`Declare::namespace`] tells which of its namespaces the node lives in.
+    fn declare(io: &mut Declare, config: &Self::Config) -> Self::Ports;
+
+    /// Makes the node.
+    ///
+    /// # Errors
+    /// When the configuration cannot work.
+    fn open(ports: Self::Ports, config: &Self::Config) -> Result<Self, NodeError>;
+
+    /// Runs one tick.
+    ///
+    /// # Errors
+    /// When the node cannot go on; in a simulated run this ends the run. Bad input is no such reason.
+    fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError>;
+}

@@ -1,0 +1,255 @@
+//! One step of a node: its inputs of this tick, and its outputs.
+
+use std::collections::VecDeque;
+
+use bytes::{Bytes, BytesMut};
+use minifactory_msgs::builtin_interfaces::msg::Time;
+use minifactory_msgs::std_msgs::msg::Header;
+use minifactory_msgs::{Message, Service};
+
+use super::ports::{Client, Publisher, Server, Subscriber};
+use crate::cdr;
+use crate::dds::ReplyHandle;
+
+/// Who asked, so that the answer finds the way back. May be kept over many steps.
+#[derive(Debug)]
+pub struct Asker(pub(crate) AskerInner);
+
+#[derive(Debug)]
+pub(crate) enum AskerInner {
+    /// A node of the loop, at the other end of an in-edge.
+    Loop { edge: usize, call: u64 },
+    /// A client anywhere on the graph.
+    Graph(ReplyHandle),
+}
+
+/// Identifies a call of this node until its reply has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct CallId(pub(crate) u64);
+
+/// What has arrived at a port and was not taken yet.
+#[derive(Debug)]
+pub(crate) enum Arrival {
+    Message { payload: Bytes, little_endian: bool },
+    Request { payload: Bytes, little_endian: bool, asker: Asker },
+    Reply { payload: Bytes, little_endian: bool, call: CallId },
+}
+
+/// What a step wants sent.
+#[derive(Debug)]
+pub(crate) enum Output {
+    Message { port: usize, payload: Bytes },
+    Request { port: usize, call: CallId, payload: Bytes },
+    Reply { port: usize, asker: Asker, payload: Bytes },
+}
+
+/// A node's view of one tick.
+#[derive(Debug)]
+pub struct StepIo {
+    tick: u64,
+    tick_ns: u64,
+    arrivals: Vec<VecDeque<Arrival>>,
+    pub(crate) outputs: Vec<Output>,
+    wanted: Vec<bool>,
+    next_call: u64,
+    pub(crate) goal_reached: bool,
+    pub(crate) undecodable: u64,
+}
+
+impl StepIo {
+    pub(crate) fn new(ports: usize, tick_ns: u64) -> Self {
+        Self {
+            tick: 0,
+            tick_ns,
+            arrivals: (0..ports).map(|_| VecDeque::new()).collect(),
+            outputs: Vec::new(),
+            wanted: vec![true; ports],
+            next_call: 0,
+            goal_reached: false,
+            undecodable: 0,
+        }
+    }
+
+    pub(crate) fn begin(&mut self, tick: u64) {
+        self.tick = tick;
+    }
+
+    pub(crate) fn arrive(&mut self, port: usize, arrival: Arrival) {
+        self.arrivals[port].push_back(arrival);
+    }
+
+    /// Drops what no step took: a node that does not look at a port does not save up for later.
+    pub(crate) fn end(&mut self) {
+        for queue in &mut self.arrivals {
+            queue.clear();
+        }
+    }
+
+    pub(crate) fn note_wanted(&mut self, port: usize, wanted: bool) {
+        self.wanted[port] = wanted;
+    }
+
+    /// Whether anybody would get what `publisher` publishes now. A costly message that serves viewers alone may be left
+    /// unmade when not.
+    #[must_use]
+    pub fn wanted<M: Message>(&self, publisher: &Publisher<M>) -> bool {
+        self.wanted[publisher.port]
+    }
+
+    /// The tick being stepped, counted from the start of the run.
+    #[must_use]
+    pub fn tick(&self) -> u64 {
+        self.tick
+    }
+
+    /// Length of a tick, s.
+    #[must_use]
+    pub fn tick_s(&self) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "a tick is far below 2^53 ns")]
+        let ns = self.tick_ns as f64;
+        ns * 1e-9
+    }
+
+    /// The present, ns since the start of the run.
+    #[must_use]
+    pub fn now_ns(&self) -> u64 {
+        self.tick * self.tick_ns
+    }
+
+    /// The present, s since the start of the run.
+    #[must_use]
+    pub fn now_s(&self) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "exact for 104 days of simulated time")]
+        let ns = self.now_ns() as f64;
+        ns * 1e-9
+    }
+
+    /// The present as a stamp.
+    #[must_use]
+    pub fn stamp(&self) -> Time {
+        stamp_of_ns(self.now_ns())
+    }
+
+    /// A header with the present as its stamp.
+    #[must_use]
+    pub fn header(&self, frame_id: &str) -> Header {
+        Header { stamp: self.stamp(), frame_id: frame_id.to_owned() }
+    }
+
+    /// Takes the messages that arrived for this tick, oldest first. One that cannot be decoded is dropped and counted.
+    pub fn take<M: Message>(&mut self, subscriber: &Subscriber<M>) -> Vec<M> {
+        let arrivals: Vec<Arrival> = self.arrivals[subscriber.port].drain(..).collect();
+        arrivals
+            .into_iter()
+            .filter_map(|arrival| match arrival {
+                Arrival::Message { payload, little_endian } => self.decode(&payload, little_endian),
+                Arrival::Request { .. } | Arrival::Reply { .. } => None,
+            })
+            .collect()
+    }
+
+    /// Publishes `message`.
+    pub fn publish<M: Message>(&mut self, publisher: &Publisher<M>, message: &M) {
+        if let Some(payload) = self.encode(message) {
+            self.outputs.push(Output::Message { port: publisher.port, payload });
+        }
+    }
+
+    /// Takes the requests that arrived for this tick, oldest first.
+    pub fn requests<S: Service>(&mut self, server: &Server<S>) -> Vec<(Asker, S::Request)> {
+        let arrivals: Vec<Arrival> = self.arrivals[server.port].drain(..).collect();
+        arrivals
+            .into_iter()
+            .filter_map(|arrival| match arrival {
+                Arrival::Request { payload, little_endian, asker } => {
+                    self.decode(&payload, little_endian).map(|request| (asker, request))
+                }
+                Arrival::Message { .. } | Arrival::Reply { .. } => None,
+            })
+            .collect()
+    }
+
+    /// Answers a request.
+    pub fn reply<S: Service>(&mut self, server: &Server<S>, asker: Asker, response: &S::Response) {
+        if let Some(payload) = self.encode(response) {
+            self.outputs.push(Output::Reply { port: server.port, asker, payload });
+        }
+    }
+
+    /// Calls a service. The reply arrives with a later step.
+    pub fn call<S: Service>(&mut self, client: &Client<S>, request: &S::Request) -> CallId {
+        let call = CallId(self.next_call);
+        self.next_call += 1;
+        if let Some(payload) = self.encode(request) {
+            self.outputs.push(Output::Request { port: client.port, call, payload });
+        }
+        call
+    }
+
+    /// Takes the replies that arrived for this tick.
+    pub fn replies<S: Service>(&mut self, client: &Client<S>) -> Vec<(CallId, S::Response)> {
+        let arrivals: Vec<Arrival> = self.arrivals[client.port].drain(..).collect();
+        arrivals
+            .into_iter()
+            .filter_map(|arrival| match arrival {
+                Arrival::Reply { payload, little_endian, call } => {
+                    self.decode(&payload, little_endian).map(|response| (call, response))
+                }
+                Arrival::Message { .. } | Arrival::Request { .. } => None,
+            })
+            .collect()
+    }
+
+    /// Declares the goal of the run reached; the run ends a fixed number of ticks later.
+    pub fn reach_goal(&mut self) {
+        self.goal_reached = true;
+    }
+
+    fn decode<M: Message>(&mut self, payload: &[u8], little_endian: bool) -> Option<M> {
+        match cdr::decode(payload, little_endian) {
+            Ok(message) => Some(message),
+            Err(error) => {
+                self.undecodable += 1;
+                tracing::warn!("dropped a {} of {} bytes: {error}", M::INFO.ros_type(), payload.len());
+                None
+            }
+        }
+    }
+
+    fn encode<M: Message>(&mut self, message: &M) -> Option<Bytes> {
+        match cdr::encode(message) {
+            Ok(payload) => Some(payload),
+            Err(error) => {
+                tracing::error!("cannot encode a {}: {error}", M::INFO.ros_type());
+                None
+            }
+        }
+    }
+}
+
+/// `ns` since the start of the run as a ROS stamp.
+#[must_use]
+pub fn stamp_of_ns(ns: u64) -> Time {
+    const NS_PER_S: u64 = 1_000_000_000;
+    Time { sec: i32::try_from(ns / NS_PER_S).unwrap_or(i32::MAX), nanosec: u32::try_from(ns % NS_PER_S).unwrap_or(0) }
+}
+
+/// A ROS stamp as ns since the start of the run; one before the start counts as the start.
+#[must_use]
+pub fn ns_of_stamp(stamp: &Time) -> u64 {
+    u64::try_from(stamp.sec).unwrap_or(0) * 1_000_000_000 + u64::from(stamp.nanosec)
+}
+
+/// Puts the number of a call before its payload, as the loop carries both in one message.
+pub(crate) fn with_call(call: CallId, payload: &[u8]) -> Bytes {
+    let mut bytes = BytesMut::with_capacity(8 + payload.len());
+    bytes.extend_from_slice(&call.0.to_le_bytes());
+    bytes.extend_from_slice(payload);
+    bytes.freeze()
+}
+
+/// The inverse of [`with_call`].
+pub(crate) fn split_call(payload: &Bytes) -> Option<(CallId, Bytes)> {
+    let call = payload.get(..8)?.try_into().ok().map(u64::from_le_bytes)?;
+    Some((CallId(call), payload.slice(8..)))
+}

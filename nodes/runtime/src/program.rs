@@ -1,0 +1,98 @@
+//! The command line of a node's own executable, and of `feeder node NAME`.
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use clap::Parser;
+use tracing_subscriber::EnvFilter;
+
+use crate::dds::Domain;
+use crate::launch::{Seat, read_config, run_in_loop};
+use crate::lockstep::{LoopContract, RunError};
+use crate::node::{FeederNode, NodeError};
+
+/// Options of a node.
+#[derive(Debug, Parser)]
+struct Options {
+    /// Scenario file (YAML); without it the built-in scenario holds
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Namespace, instead of the first one the scenario asks for
+    #[arg(long)]
+    namespace: Option<String>,
+    /// Take part in the simulated run of this contract (JSON), as `feeder up` writes it
+    #[arg(long = "loop", value_name = "FILE")]
+    contract: PathBuf,
+    /// Leave a fingerprint of what was published in this folder
+    #[arg(long, value_name = "DIR")]
+    digest_dir: Option<PathBuf>,
+}
+
+/// The whole `main` of the executable of node `N`.
+#[must_use]
+pub fn main<N: FeederNode>() -> ExitCode {
+    main_with::<N>(std::env::args_os().skip(1).collect())
+}
+
+/// Runs node `N` with these arguments, the program's name left out.
+#[must_use]
+pub fn main_with<N: FeederNode>(arguments: Vec<OsString>) -> ExitCode {
+    let program = std::iter::once(OsString::from(N::NAME));
+    let options = match Options::try_parse_from(program.chain(arguments)) {
+        Ok(options) => options,
+        Err(error) => {
+            // Nothing is left to do when even the usage message cannot be shown.
+            let _ = error.print();
+            return if error.use_stderr() { ExitCode::FAILURE } else { ExitCode::SUCCESS };
+        }
+    };
+    log_to_stderr();
+    match run::<N>(options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            tracing::error!("{}: {error}", N::NAME);
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Sends log messages to standard error. `RUST_LOG` chooses others than the default ones.
+pub fn log_to_stderr() {
+    // What the DDS library reports as errors are mostly peers that come and go.
+    const DEFAULT: &str = "info,rustdds=off,ros2_client=off,mio=off";
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(DEFAULT));
+    tracing_subscriber::fmt().with_writer(std::io::stderr).with_target(false).with_env_filter(filter).init();
+}
+
+fn run<N: FeederNode>(options: Options) -> Result<(), RunError> {
+    let config = read_config::<N>(options.config.as_deref()).map_err(RunError::Node)?;
+    let namespace = match options.namespace {
+        Some(namespace) => namespace,
+        None => N::namespaces(&config)
+            .into_iter()
+            .next()
+            .ok_or_else(|| RunError::Node(NodeError::new(format!("the scenario asks for no {}", N::NAME))))?,
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|error| RunError::Node(NodeError::new(error)))?;
+    }
+    let contract = read_contract(&options.contract).map_err(RunError::Node)?;
+    let seat = Seat {
+        contract: Arc::new(contract),
+        namespace,
+        domain: Domain::from_env()?,
+        digest_dir: options.digest_dir,
+        stop,
+    };
+    run_in_loop::<N>(&seat, &config)
+}
+
+fn read_contract(file: &std::path::Path) -> Result<LoopContract, NodeError> {
+    let failed = |error: &dyn std::fmt::Display| NodeError::new(format!("{}: {error}", file.display()));
+    let bytes = std::fs::read(file).map_err(|error| failed(&error))?;
+    serde_json::from_slice(&bytes).map_err(|error| failed(&error))
+}

@@ -1,0 +1,101 @@
+//! The waveform generator: owns the waveform and whether it runs.
+//!
+//! The waveform goes out as a description, latched; the courier driver runs it at servo rate. A new waveform is checked
+//! against the courier's limits before it is published.
+
+use feeder_core::courier;
+use feeder_core::scenario::Scenario;
+use feeder_core::waveform::Waveform;
+use feeder_runtime::dds::Qos;
+use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, Server, StepIo};
+use minifactory_msgs::msg;
+use minifactory_msgs::srv::{SetWaveform, SetWaveformResponse};
+use minifactory_msgs::std_srvs::srv::{SetBool, SetBoolResponse};
+
+/// Handles of the generator's ports.
+#[derive(Debug)]
+pub struct Ports {
+    waveform: Publisher<msg::Waveform>,
+    set_feeding: Server<SetBool>,
+    set_waveform: Server<SetWaveform>,
+}
+
+/// The waveform generator.
+#[derive(Debug)]
+pub struct WaveformGenerator {
+    ports: Ports,
+    /// A driver like the one that will run the waveform: what it refuses is not published.
+    judge: courier::CourierDriver,
+    name: String,
+    waveform: Waveform,
+    enabled: bool,
+    sequence: u32,
+    changed: bool,
+}
+
+impl FeederNode for WaveformGenerator {
+    const NAME: &'static str = "waveform_generator";
+    type Config = Scenario;
+    type Ports = Ports;
+
+    fn namespaces(config: &Scenario) -> Vec<String> {
+        vec![config.namespace()]
+    }
+
+    fn declare(io: &mut Declare, _: &Scenario) -> Ports {
+        Ports {
+            waveform: io.publisher("waveform", Qos::latched()),
+            set_feeding: io.server("set_feeding"),
+            set_waveform: io.server("set_waveform"),
+        }
+    }
+
+    fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
+        let waveform = config.waveform().map_err(NodeError::new)?;
+        let mut judge = courier::CourierDriver::simulated(config.courier, 0).map_err(NodeError::new)?;
+        judge.set_waveform(&waveform, false).map_err(NodeError::new)?;
+        let name = config.waveform.name().to_owned();
+        Ok(Self { ports, judge, name, waveform, enabled: false, sequence: 0, changed: true })
+    }
+
+    fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
+        for (asker, request) in io.requests(&self.ports.set_feeding) {
+            self.changed |= self.enabled != request.data;
+            self.enabled = request.data;
+            let message = if request.data { "feeding" } else { "not feeding" }.to_owned();
+            io.reply(&self.ports.set_feeding, asker, &SetBoolResponse { success: true, message });
+        }
+        for (asker, request) in io.requests(&self.ports.set_waveform) {
+            let response = match self.replace(&request.waveform) {
+                Ok(()) => SetWaveformResponse { accepted: true, message: String::new() },
+                Err(error) => SetWaveformResponse { accepted: false, message: error.to_string() },
+            };
+            io.reply(&self.ports.set_waveform, asker, &response);
+        }
+        if std::mem::take(&mut self.changed) {
+            self.sequence += 1;
+            let message = msg::Waveform {
+                header: io.header(""),
+                sequence: self.sequence,
+                name: self.name.clone(),
+                enabled: self.enabled,
+                ..msg::Waveform::from(&self.waveform)
+            };
+            io.publish(&self.ports.waveform, &message);
+        }
+        Ok(())
+    }
+}
+
+impl WaveformGenerator {
+    /// Takes over a waveform; what was there stays when it is refused.
+    fn replace(&mut self, message: &msg::Waveform) -> Result<(), NodeError> {
+        let waveform = Waveform::try_from(message).map_err(NodeError::new)?;
+        self.judge.set_waveform(&waveform, false).map_err(NodeError::new)?;
+        self.waveform = waveform;
+        self.name.clone_from(&message.name);
+        self.enabled = message.enabled;
+        self.changed = true;
+        Ok(())
+    }
+}
