@@ -7,7 +7,9 @@
 //! the courier. In the tray, ψ is measured counter-clockwise from the foot of the ramp: the ramp spans \[0, Θ), the
 //! plateau \[Θ, 2π), and the drop-off back to the foot of the ramp lies at 2π.
 
+pub mod camera;
 pub mod gravity;
 pub mod motion;
+pub mod selection;
 pub mod tray;
 pub mod waveform;
