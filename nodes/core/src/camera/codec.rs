@@ -1,0 +1,135 @@
+//! JPEG for transport: small enough for one DDS sample, good enough for the selector.
+
+use image::GrayImage;
+use jpeg_encoder::{ColorType, Encoder};
+use zune_jpeg::JpegDecoder;
+use zune_jpeg::zune_core::bytestream::ZCursor;
+use zune_jpeg::zune_core::colorspace::ColorSpace;
+use zune_jpeg::zune_core::options::DecoderOptions;
+
+/// The quality tried first.
+pub const DEFAULT_QUALITY: u8 = 90;
+/// The most bytes a frame may take, so that with its header it stays below 64 kB.
+pub const DEFAULT_BYTES_MAX: usize = 60_000;
+/// Steps by which quality falls until a frame is small enough.
+const QUALITY_STEP: u8 = 10;
+/// Images wider or higher than this are refused before memory is taken for them.
+const SIDE_MAX_PX: usize = 4096;
+
+/// Why a picture could not be coded.
+#[derive(Debug, thiserror::Error)]
+pub enum EncodeError {
+    /// The encoder refused the picture.
+    #[error("a picture of {width_px}x{height_px} px cannot be encoded as JPEG")]
+    Encoder {
+        /// Width, px.
+        width_px: u32,
+        /// Height, px.
+        height_px: u32,
+        /// What the encoder says.
+        source: jpeg_encoder::EncodingError,
+    },
+    /// Even the lowest quality takes too many bytes.
+    #[error(
+        "a picture of {width_px}x{height_px} px takes {bytes} bytes as JPEG at the lowest quality; allowed: {bytes_max}"
+    )]
+    TooLarge {
+        /// Width, px.
+        width_px: u32,
+        /// Height, px.
+        height_px: u32,
+        /// Bytes at the lowest quality.
+        bytes: usize,
+        /// Bytes allowed.
+        bytes_max: usize,
+    },
+}
+
+/// Why bytes are not a picture.
+#[derive(Debug, thiserror::Error)]
+pub enum DecodeError {
+    /// Not a JPEG, or a damaged one.
+    #[error("{bytes} bytes are not a sound JPEG")]
+    Decoder {
+        /// Bytes given.
+        bytes: usize,
+        /// What the decoder says.
+        source: zune_jpeg::errors::DecodeErrors,
+    },
+    /// A JPEG of colours, or cut short.
+    #[error(
+        "the JPEG has {pixel_bytes} bytes of pixels; allowed: one each of {width_px}x{height_px} px"
+    )]
+    NotMono {
+        /// Width, px.
+        width_px: usize,
+        /// Height, px.
+        height_px: usize,
+        /// Bytes decoded.
+        pixel_bytes: usize,
+    },
+}
+
+/// Codes a mono picture at the best quality, from `quality` (1 to 100) downwards, that takes at most `bytes_max`.
+///
+/// # Errors
+///
+/// [`EncodeError::TooLarge`] if no quality does, [`EncodeError::Encoder`] for a picture without pixels.
+pub fn encode(image: &GrayImage, quality: u8, bytes_max: usize) -> Result<Vec<u8>, EncodeError> {
+    let (width_px, height_px) = image.dimensions();
+    let mut quality = quality.clamp(1, 100);
+    loop {
+        let mut bytes = Vec::with_capacity(bytes_max);
+        // Sides beyond u16 become 0, which the encoder refuses.
+        let side = |size: u32| u16::try_from(size).unwrap_or(0);
+        Encoder::new(&mut bytes, quality)
+            .encode(image, side(width_px), side(height_px), ColorType::Luma)
+            .map_err(|source| EncodeError::Encoder {
+                width_px,
+                height_px,
+                source,
+            })?;
+        if bytes.len() <= bytes_max {
+            return Ok(bytes);
+        }
+        if quality == 1 {
+            return Err(EncodeError::TooLarge {
+                width_px,
+                height_px,
+                bytes: bytes.len(),
+                bytes_max,
+            });
+        }
+        quality = quality.saturating_sub(QUALITY_STEP).max(1);
+    }
+}
+
+/// Decodes a mono JPEG.
+///
+/// # Errors
+///
+/// [`DecodeError`] for anything that is not a sound JPEG of at most 4096x4096 px.
+pub fn decode(bytes: &[u8]) -> Result<GrayImage, DecodeError> {
+    let options = DecoderOptions::default()
+        .set_strict_mode(true)
+        .set_max_width(SIDE_MAX_PX)
+        .set_max_height(SIDE_MAX_PX)
+        .jpeg_set_out_colorspace(ColorSpace::Luma);
+    let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
+    let pixels = decoder.decode().map_err(|source| DecodeError::Decoder {
+        bytes: bytes.len(),
+        source,
+    })?;
+    let (width_px, height_px) = decoder.dimensions().unwrap_or_default();
+    let pixel_bytes = pixels.len();
+    let side = |size: usize| u32::try_from(size).ok();
+    side(width_px)
+        .zip(side(height_px))
+        .and_then(|(width, height)| GrayImage::from_raw(width, height, pixels))
+        .filter(|image| pixel_bytes == image.len() && pixel_bytes > 0)
+        .ok_or(DecodeError::NotMono {
+            width_px,
+            height_px,
+            pixel_bytes,
+        })
+}
