@@ -3,6 +3,8 @@
 //! This crate alone knows the DDS library; its public items speak of topics, bytes and plain
 //! types only. Nodes run on plain threads: nothing here asks for an async runtime.
 
+pub mod action;
 pub mod cdr;
 pub mod dds;
+pub mod service;
 pub mod testing;
