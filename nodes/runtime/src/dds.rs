@@ -52,6 +52,9 @@ pub use reader::Reader;
 pub use server::{ReplyHandle, Request, Server, ServerCounts};
 pub use writer::Writer;
 
+pub(crate) use executor::Task as BackgroundTask;
+pub(crate) use writer::Outlet;
+
 /// The largest body in bytes that leaves in one datagram over the loopback interface
 /// (MTU 65,536, less headers).
 pub const BODY_BYTES_MAX_IN_ONE_DATAGRAM: usize = 65_000;

@@ -96,7 +96,7 @@ impl Drop for Executor {
 }
 
 /// A running task. Dropping it ends the task and waits until everything the task owned is gone.
-pub(super) struct Task {
+pub(crate) struct Task {
     abort: AbortHandle,
     // Behind a lock only because a receiver cannot be shared between threads, and handles are.
     ended: Mutex<mpsc::Receiver<()>>,

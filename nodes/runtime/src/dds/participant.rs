@@ -18,7 +18,7 @@ use ros2_client::{
 use super::{
     DdsError, DiscoveryRange, Domain, Graph, Guid, NodeName, Qos, Reader, SOCKET_BUFFER_BYTES,
     Sample, Writer,
-    executor::{Executor, Spawner},
+    executor::{Executor, Spawner, Task as BackgroundTask},
     graph::{self, Nodes},
     names::dds_name,
     raw::{Raw, RawAdapter, RawReader, RawWriter},
@@ -163,6 +163,14 @@ impl Participant {
     #[must_use]
     pub fn domain(&self) -> Domain {
         self.inner.domain
+    }
+
+    /// Starts a task on the participant's thread; it ends with the returned handle.
+    pub(crate) fn background(
+        &self,
+        task: impl Future<Output = ()> + Send + 'static,
+    ) -> BackgroundTask {
+        self.inner.executor.spawn(task)
     }
 
     pub(super) fn spawner(&self) -> Spawner {

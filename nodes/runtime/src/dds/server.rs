@@ -8,7 +8,7 @@ use std::{
 };
 
 use bytes::Bytes;
-use serde::de::DeserializeOwned;
+use serde::{Serialize, de::DeserializeOwned};
 use tokio::time::{sleep, timeout};
 
 use super::{
@@ -192,6 +192,14 @@ impl ReplyHandle {
                     .lose_reply(&self.service, self.client, &reason);
             }
         });
+    }
+
+    /// Answers with a message; see [`send`](Self::send). A message without a CDR form is logged and not sent.
+    pub fn send_message<T: Serialize>(self, message: &T) {
+        match cdr::encode(message) {
+            Ok(body) => self.send(body),
+            Err(error) => self.counters.lose_reply(&self.service, self.client, &error),
+        }
     }
 
     /// Gives no answer, because the request made no sense: the reason is logged and the request counted.

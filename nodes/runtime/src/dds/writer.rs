@@ -6,6 +6,8 @@ use ros2_client::dds::rustdds::{
     DataWriterStatus, RTPSEntity, StatusEvented, Timestamp, WriteOptionsBuilder, dds::WriteError,
 };
 
+use serde::Serialize;
+
 use super::{
     Guid, PublishError, Qos, SampleId,
     executor::Task,
@@ -14,6 +16,7 @@ use super::{
     peers::{PeerEvent, Peers},
     raw::{Raw, RawWriter},
 };
+use crate::cdr;
 
 /// A publication. Any thread may publish.
 pub struct Writer {
@@ -25,7 +28,7 @@ pub struct Writer {
 
 /// What of a writer may outlive its handle, and does not keep the participant alive: replies on
 /// their way need it.
-pub(super) struct Outlet {
+pub(crate) struct Outlet {
     raw: RawWriter,
     pub(super) peers: Peers,
     topic: String,
@@ -102,7 +105,7 @@ impl Writer {
         self.outlet.peers.count()
     }
 
-    pub(super) fn outlet(&self) -> Arc<Outlet> {
+    pub(crate) fn outlet(&self) -> Arc<Outlet> {
         self.outlet.clone()
     }
 }
@@ -115,6 +118,18 @@ impl Drop for Writer {
 }
 
 impl Outlet {
+    /// Publishes a message for whoever listens; one that cannot be sent is logged.
+    pub(crate) fn publish_message<T: Serialize>(&self, message: &T) {
+        let sent = cdr::encode(message).map_err(|error| error.to_string());
+        let sent = sent.and_then(|body| {
+            self.send(body, None, None)
+                .map_err(|error| error.to_string())
+        });
+        if let Err(error) = sent {
+            tracing::warn!(topic = self.topic, "message not sent: {error}");
+        }
+    }
+
     /// Publishes to one reader only, or as the answer to some sample, or both; returns the sequence number.
     pub(super) fn send(
         &self,
