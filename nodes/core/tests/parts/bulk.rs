@@ -331,7 +331,7 @@ proptest! {
             bulk.step(&block).unwrap();
             prop_assert!(bulk.is_conserved());
             let overlap = worst_overlap(&bulk);
-            prop_assert!(overlap < 0.02, "{overlap} {:?}", bulk.parts());
+            prop_assert!(overlap < 0.02, "overlap {overlap}");
             for part in bulk.parts() {
                 prop_assert!(part.position_m().iter().all(|value| value.is_finite()));
                 prop_assert!(part.velocity_m_s().iter().all(|value| value.is_finite()));
