@@ -72,14 +72,8 @@ impl Contacts {
         self.travel_m += travel_m;
         self.find_touching(parts);
         let mut touched = false;
-        for sweep_index in 0..SWEEPS_PER_STEP {
-            // A bounce is one event; what follows within the step only keeps the parts from approaching.
-            let restitution = if sweep_index == 0 {
-                self.law.restitution
-            } else {
-                0.0
-            };
-            let sweep = self.sweep(parts, track, restitution, 0.5);
+        for _ in 0..SWEEPS_PER_STEP {
+            let sweep = self.sweep(parts, track, 0.5);
             if !sweep.collided && sweep.overlap_m <= TOLERATED_OVERLAP * self.diameter_m {
                 break;
             }
@@ -96,7 +90,7 @@ impl Contacts {
         for sweep_index in 0..SWEEPS_PER_BLOCK {
             self.find_touching(parts);
             let share_behind = if sweep_index % 2 == 0 { 0.5 } else { 0.0 };
-            let sweep = self.sweep(parts, track, 0.0, share_behind);
+            let sweep = self.sweep(parts, track, share_behind);
             if sweep.overlap_m <= LARGEST_OVERLAP * self.diameter_m {
                 break;
             }
@@ -116,13 +110,7 @@ impl Contacts {
     }
 
     /// Resolves every touching pair once. Of the way two parts are pushed apart, the one behind takes `share_behind`.
-    fn sweep(
-        &mut self,
-        parts: &mut [Part],
-        track: &Track,
-        restitution: f64,
-        share_behind: f64,
-    ) -> Sweep {
+    fn sweep(&mut self, parts: &mut [Part], track: &Track, share_behind: f64) -> Sweep {
         let mut sweep = Sweep::default();
         let tolerated_m = TOLERATED_OVERLAP * self.diameter_m;
         for &(behind, ahead) in &self.touching {
@@ -134,7 +122,7 @@ impl Contacts {
             if overlap_m <= 0.0 {
                 continue;
             }
-            sweep.collided |= collide(behind, ahead, normal, restitution, self.law.friction);
+            sweep.collided |= collide(behind, ahead, normal, self.law);
             sweep.overlap_m = sweep.overlap_m.max(overlap_m);
             if overlap_m > tolerated_m {
                 // To the middle of what is tolerated, lest rounding call for another shift.
@@ -205,13 +193,7 @@ fn line_of_centres(from: &Part, to: &Part) -> ([f64; 2], f64) {
 }
 
 /// Impact of two equal masses with friction between them. Returns whether they approached each other.
-fn collide(
-    first: &mut Part,
-    second: &mut Part,
-    normal: [f64; 2],
-    restitution: f64,
-    friction: f64,
-) -> bool {
+fn collide(first: &mut Part, second: &mut Part, normal: [f64; 2], law: ContactLaw) -> bool {
     let relative = [
         second.velocity_x_m_s - first.velocity_x_m_s,
         second.velocity_y_m_s - first.velocity_y_m_s,
@@ -221,8 +203,8 @@ fn collide(
         return false;
     }
     let along = relative[1] * normal[0] - relative[0] * normal[1];
-    let impulse = 0.5 * (1.0 + restitution) * approach;
-    let grip = friction * impulse;
+    let impulse = 0.5 * (1.0 + law.restitution) * approach;
+    let grip = law.friction * impulse;
     let lost = (0.5 * along).clamp(-grip, grip);
     let change = [
         impulse * normal[0] + lost * normal[1],
@@ -242,6 +224,13 @@ mod tests {
     use super::*;
     use crate::parts::tests::part_at;
 
+    fn law(restitution: f64, friction: f64) -> ContactLaw {
+        ContactLaw {
+            restitution,
+            friction,
+        }
+    }
+
     fn moving(x_m: f64, y_m: f64, velocity: [f64; 2]) -> Part {
         Part {
             velocity_x_m_s: velocity[0],
@@ -254,32 +243,28 @@ mod tests {
     fn an_inelastic_impact_shares_the_velocity_along_the_line_of_centres() {
         let mut behind = moving(0.0, 0.0, [0.2, 0.1]);
         let mut ahead = moving(0.005, 0.0, [0.0, 0.0]);
-        assert!(collide(&mut behind, &mut ahead, [1.0, 0.0], 0.0, 0.0));
+        assert!(collide(&mut behind, &mut ahead, [1.0, 0.0], law(0.0, 0.0)));
         assert_eq!((behind.velocity_x_m_s, ahead.velocity_x_m_s), (0.1, 0.1));
         assert_eq!((behind.velocity_y_m_s, ahead.velocity_y_m_s), (0.1, 0.0));
-        assert!(!collide(&mut behind, &mut ahead, [1.0, 0.0], 0.0, 0.0));
+        assert!(!collide(&mut behind, &mut ahead, [1.0, 0.0], law(0.0, 0.0)));
     }
 
     #[test]
     fn friction_between_parts_is_bounded_by_what_presses_them() {
         let mut behind = moving(0.0, 0.0, [0.2, 0.5]);
         let mut ahead = moving(0.005, 0.0, [0.0, 0.0]);
-        collide(&mut behind, &mut ahead, [1.0, 0.0], 0.0, 0.3);
+        collide(&mut behind, &mut ahead, [1.0, 0.0], law(0.0, 0.3));
         assert!((ahead.velocity_y_m_s - 0.3 * 0.1).abs() < 1e-15);
         // Great friction ends the sliding but does not reverse it.
         let mut behind = moving(0.0, 0.0, [0.2, 0.05]);
         let mut ahead = moving(0.005, 0.0, [0.0, 0.0]);
-        collide(&mut behind, &mut ahead, [1.0, 0.0], 0.0, 9.0);
+        collide(&mut behind, &mut ahead, [1.0, 0.0], law(0.0, 9.0));
         assert!((ahead.velocity_y_m_s - behind.velocity_y_m_s).abs() < 1e-15);
     }
 
     #[test]
     fn parts_above_each_other_at_the_drop_off_do_not_touch() {
-        let law = ContactLaw {
-            restitution: 0.0,
-            friction: 0.0,
-        };
-        let mut contacts = Contacts::new(law, 0.005);
+        let mut contacts = Contacts::new(law(0.0, 0.0), 0.005);
         let below = part_at(Place::Ramp, 0.080, 0.0025);
         let above = part_at(Place::Plateau, 0.080, -0.001);
         contacts.find_touching(&[below, above]);
@@ -307,7 +292,7 @@ mod tests {
             };
             let (momentum, before) = (total(&behind, &ahead), energy(&behind, &ahead));
             let normal = [angle.cos(), angle.sin()];
-            collide(&mut behind, &mut ahead, normal, restitution, friction);
+            collide(&mut behind, &mut ahead, normal, law(restitution, friction));
             prop_assert!((total(&behind, &ahead) - momentum).norm() < 1e-14);
             prop_assert!(energy(&behind, &ahead) <= before + 1e-14);
         }

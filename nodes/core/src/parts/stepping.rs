@@ -9,12 +9,8 @@ use crate::motion::MotionSample;
 /// Share of its diameter that a part may move in one step; samples are split to keep to it.
 const STEP_SHARE: f64 = 0.1;
 
-/// Into how many steps a sample may be split.
+/// Into how many steps a sample may be split. Only motion beyond any courier asks for more.
 const MOST_STEPS: f64 = 64.0;
-
-/// A part that has moved by more than this share of its diameter in one step is slowed down to it: motion this violent
-/// is beyond any courier, but must not throw parts through each other.
-const CUT_SHARE: f64 = 0.5;
 
 /// A falling part that found no room to land looks again after this time, s.
 const LANDING_RETRY_S: f64 = 0.01;
@@ -50,18 +46,12 @@ impl PartBulk {
     }
 
     fn advance(&mut self, drive: &Drive, step_s: f64) {
-        let cut_m = CUT_SHARE * self.part.diameter_m;
         let mut farthest_m2: f64 = 0.0;
         let mut moving = false;
         for part in &mut self.parts {
             let Some(travel_m2) = self.track.advance(part, drive, step_s) else {
                 continue;
             };
-            if travel_m2 > cut_m * cut_m {
-                let kept = cut_m / travel_m2.sqrt();
-                part.velocity_x_m_s *= kept;
-                part.velocity_y_m_s *= kept;
-            }
             farthest_m2 = farthest_m2.max(travel_m2);
             moving = true;
         }

@@ -149,7 +149,7 @@ fn a_falling_part_waits_until_the_foot_of_the_ramp_is_free() {
     );
     bulk.pick(0.080, 0.004, 0.001).unwrap();
     bulk.step(&resting(20)).unwrap();
-    assert_eq!(bulk.parts[0].place, Place::Ramp);
+    assert_eq!((bulk.parts[0].place, bulk.falling), (Place::Ramp, 0));
     assert!((bulk.parts[0].y_m - 0.003).abs() < 1e-12);
     assert!(bulk.is_conserved());
 }
