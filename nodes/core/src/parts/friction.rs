@@ -114,6 +114,16 @@ mod tests {
     }
 
     #[test]
+    fn a_turn_tries_the_static_window() {
+        // Between the kinetic grip of 1 and the static one of 2, a body that comes to a stop stays there.
+        let stopped = slide([1e-3, 0.0], [-1.5, 0.0], 2.0, 1.0, 1e-3);
+        assert!(norm(stopped.velocity) <= 0.0);
+        // But not while it still moves across: 0.95 mm/s built up in the 0.5 ms before the turn.
+        let swerved = slide([1e-3, 0.0], [0.0, 1.9], 2.0, 2.0, 0.51e-3);
+        assert!(swerved.velocity[1] > 0.9e-3);
+    }
+
+    #[test]
     fn verif_a_skewed_stop_takes_the_time_of_the_exact_solution() {
         // For a constant drive d below the grip G the exact stopping time is (G |w| + w·d)/(G² − d²).
         let (velocity, drive, grip) = ([0.02, 0.01], [-0.3, 0.7], 2.0);

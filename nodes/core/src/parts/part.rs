@@ -5,6 +5,8 @@ use std::f64::consts::TAU;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
+use crate::tray::Surface;
+
 /// Where a part is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -16,6 +18,15 @@ pub enum Place {
     /// Off the end of the plateau: falling, coming to rest, or waiting for room at the foot of the ramp. Its position is
     /// where it left the plateau; it touches nothing and cannot be picked.
     Falling,
+}
+
+impl From<Surface> for Place {
+    fn from(surface: Surface) -> Self {
+        match surface {
+            Surface::Ramp => Self::Ramp,
+            Surface::Plateau => Self::Plateau,
+        }
+    }
 }
 
 /// State of one part in the tray frame. Velocities are horizontal and relative to the tray.
@@ -117,27 +128,15 @@ pub struct PickedPart {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn part_at(x_m: f64, y_m: f64) -> Part {
-        Part {
-            id: 0,
-            place: Place::Plateau,
-            pose: 0,
-            x_m,
-            y_m,
-            yaw_rad: 0.0,
-            velocity_x_m_s: 0.03,
-            velocity_y_m_s: -0.04,
-            stranded: false,
-            fed: false,
-            landing_in_s: 0.0,
-            judged_angle_rad: 0.0,
-        }
-    }
+    use crate::parts::tests::part_at;
 
     #[test]
     fn polar_view_agrees_with_cartesian() {
-        let part = part_at(0.0, -0.08);
+        let part = Part {
+            velocity_x_m_s: 0.03,
+            velocity_y_m_s: -0.04,
+            ..part_at(Place::Plateau, 0.0, -0.08)
+        };
         assert!((part.radius_m() - 0.08).abs() < 1e-15);
         assert!((part.angle_rad() - 1.5 * std::f64::consts::PI).abs() < 1e-15);
         assert!((part.radial_velocity_m_s() - 0.04).abs() < 1e-15);
@@ -147,6 +146,6 @@ mod tests {
 
     #[test]
     fn the_angle_stays_below_a_full_turn() {
-        assert!(part_at(0.08, -1e-19).angle_rad() < TAU);
+        assert!(part_at(Place::Plateau, 0.08, -1e-19).angle_rad() < TAU);
     }
 }

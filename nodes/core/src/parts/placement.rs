@@ -1,14 +1,14 @@
 //! Putting parts onto the tray: bulk loading, and landing at the foot of the ramp.
 
 use std::f64::consts::{PI, TAU};
-use std::ops::Range;
+use std::ops::RangeInclusive;
 
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
 use super::track::Track;
 use super::{BulkSettings, Part, PartSpec, Place};
-use crate::tray::{Surface, TrayGeometry};
+use crate::tray::TrayGeometry;
 
 /// Random places tried for one part before the tray counts as full.
 const LOADING_ATTEMPTS: usize = 500;
@@ -20,8 +20,8 @@ const LANDING_ATTEMPTS: usize = 8;
 #[derive(Clone, Debug)]
 pub(super) struct LoadingBand {
     tray: TrayGeometry,
-    radii_m: Range<f64>,
-    angles_rad: Range<f64>,
+    radii_m: RangeInclusive<f64>,
+    angles_rad: RangeInclusive<f64>,
 }
 
 impl LoadingBand {
@@ -36,8 +36,8 @@ impl LoadingBand {
         };
         Self {
             tray,
-            radii_m: inner_m..track.outermost_m,
-            angles_rad: clearance_rad..end_rad,
+            radii_m: inner_m..=track.outermost_m,
+            angles_rad: clearance_rad..=end_rad,
         }
     }
 
@@ -50,16 +50,13 @@ impl LoadingBand {
     ) -> Option<(Place, f64, f64)> {
         for _ in 0..LOADING_ATTEMPTS {
             // Uniform over the area.
-            let squared = self.radii_m.start.powi(2)..self.radii_m.end.powi(2);
+            let squared = self.radii_m.start().powi(2)..=self.radii_m.end().powi(2);
             let radius_m = rng.random_range(squared).sqrt();
             let angle_rad = rng.random_range(self.angles_rad.clone());
             let (sin, cos) = angle_rad.sin_cos();
             let (x_m, y_m) = (radius_m * cos, radius_m * sin);
             if is_free(parts, x_m, y_m, diameter_m) {
-                let place = match self.tray.surface(angle_rad) {
-                    Surface::Ramp => Place::Ramp,
-                    Surface::Plateau => Place::Plateau,
-                };
+                let place = Place::from(self.tray.surface(angle_rad));
                 return Some((place, x_m, y_m));
             }
         }

@@ -8,6 +8,9 @@ use thiserror::Error;
 use super::PartType;
 use crate::tray::TrayGeometry;
 
+/// Largest outer radius of a tray, m.
+const LARGEST_TRAY_M: f64 = 10.0;
+
 /// Parameters of the bulk. The defaults suit the tray of the paper; contact, settling and landing are assumed values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -91,9 +94,12 @@ pub(super) fn check_tray(tray: &TrayGeometry, part: &PartType) -> Result<(), Bul
         "(0, ∞) m".to_owned()
     })?;
     let outer = tray.outer_radius_m;
-    require(outer > inner, "tray.outer_radius_m", outer, || {
-        format!("(tray.inner_radius_m = {inner}, ∞) m")
-    })?;
+    require(
+        outer > inner && outer <= LARGEST_TRAY_M,
+        "tray.outer_radius_m",
+        outer,
+        || format!("(tray.inner_radius_m = {inner}, {LARGEST_TRAY_M}] m"),
+    )?;
     let rise = tray.rise_m;
     require(rise > 0.0, "tray.rise_m", rise, || "(0, ∞) m".to_owned())?;
     // Which side of the ramp's ends a part lies on is told by quadrants, so neither surface may span more than three.

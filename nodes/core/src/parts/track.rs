@@ -248,3 +248,132 @@ impl Track {
 fn sticks(part: &Part, push: [f64; 2], grip_static: f64) -> bool {
     !part.is_moving() && push[0] * push[0] + push[1] * push[1] <= grip_static * grip_static
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::parts::tests::{disc, part_at};
+
+    fn track() -> Track {
+        Track::new(
+            &TrayGeometry::PAPER,
+            &disc(0.006, 0.2),
+            &BulkSettings::default(),
+        )
+    }
+
+    fn carried(x_m_s2: f64, y_m_s2: f64) -> Drive {
+        let sample = MotionSample {
+            acceleration: Vector3::new(x_m_s2, y_m_s2, 0.0),
+            ..MotionSample::default()
+        };
+        Drive::new(&sample, 0.0, 5e-4)
+    }
+
+    #[test]
+    fn the_drive_is_that_of_the_middle_of_the_step() {
+        let sample = MotionSample {
+            position: Vector3::new(0.0, 0.0, 0.3),
+            velocity: Vector3::new(0.0, 0.0, 20.0),
+            acceleration: Vector3::new(3.0, 0.0, 1000.0),
+        };
+        let drive = Drive::new(&sample, 1e-3, 2e-3);
+        // 2 ms into the sample: 20 + 1000 × 0.002 rad/s, and 0.3 + 0.04 + 0.002 rad.
+        assert!((drive.yaw_rad_s - 22.0).abs() < 1e-12);
+        assert!((drive.x_m_s2 - 3.0 * 0.342_f64.cos()).abs() < 1e-12);
+        assert!((drive.y_m_s2 + 3.0 * 0.342_f64.sin()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn walls_and_face_stop_parts_with_friction() {
+        // wall_restitution 0.1 and wall_friction 0.2: an impact at 1 m/s takes 1.1 × 0.2 m/s off the speed along it.
+        let outward = Part {
+            velocity_x_m_s: 1.0,
+            velocity_y_m_s: -0.5,
+            ..part_at(Place::Plateau, 0.0875, 0.0)
+        };
+        let inward = Part {
+            velocity_x_m_s: -1.0,
+            ..part_at(Place::Plateau, 0.0325, 0.0)
+        };
+        let against_the_face = Part {
+            velocity_x_m_s: 0.1,
+            velocity_y_m_s: -1.0,
+            ..part_at(Place::Ramp, 0.060, 0.001)
+        };
+        for (mut part, x_m, y_m, velocity) in [
+            (outward, 0.087, 0.0, [-0.1, -0.28]),
+            (inward, 0.033, 0.0, [0.1, 0.0]),
+            (against_the_face, 0.060, 0.003, [0.0, 0.1]),
+        ] {
+            track().confine(&mut part);
+            assert!((part.position_m() - Vector2::new(x_m, y_m)).norm() < 1e-12);
+            let left = part.velocity_m_s() - Vector2::from(velocity);
+            assert!(left.norm() < 1e-12, "{:?}", part.velocity_m_s());
+        }
+    }
+
+    #[test]
+    fn edges_are_passed_where_they_are() {
+        let passage = |place, angle_rad: f64| {
+            let part = part_at(place, 0.08 * angle_rad.cos(), 0.08 * angle_rad.sin());
+            track().passage(&part)
+        };
+        for (place, angle_rad, expected) in [
+            (Place::Ramp, 0.05, None),
+            (Place::Ramp, 3.13, None),
+            (Place::Ramp, 3.15, Some(Passage::RampToPlateau)),
+            (Place::Plateau, 3.15, None),
+            (Place::Plateau, 3.13, Some(Passage::PlateauToRamp)),
+            (Place::Plateau, 6.2, None),
+            (Place::Plateau, 0.0, Some(Passage::OffThePlateau)),
+            (Place::Falling, 0.0, None),
+        ] {
+            assert_eq!(
+                passage(place, angle_rad),
+                expected,
+                "{place:?} at {angle_rad}"
+            );
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_part_within_the_hold_sticks(
+            radius_m in 0.033..0.087_f64,
+            angle_rad in 0.1..6.2_f64,
+            direction in 0.0..std::f64::consts::TAU,
+        ) {
+            let track = track();
+            let place = Place::from(TrayGeometry::PAPER.surface(angle_rad));
+            let (x_m, y_m) = (radius_m * angle_rad.cos(), radius_m * angle_rad.sin());
+            let mut part = part_at(place, x_m, y_m);
+            let hold_m_s2 = track.hold_m_s2(&[part]).max(0.0);
+            let drive = carried(hold_m_s2 * direction.cos(), hold_m_s2 * direction.sin());
+            // Up to rounding at the very limit.
+            let drive = Drive { x_m_s2: drive.x_m_s2 * 0.999_999, y_m_s2: drive.y_m_s2 * 0.999_999, ..drive };
+            prop_assert!(drive.bound_m_s2(radius_m) <= hold_m_s2);
+            prop_assert_eq!(track.advance(&mut part, &drive, 5e-4), None);
+        }
+
+        #[test]
+        fn walls_add_no_energy(
+            radius_m in 0.020..0.100_f64,
+            angle_rad in 0.0..std::f64::consts::TAU,
+            velocity in prop::array::uniform2(-1.0..1.0_f64),
+        ) {
+            let place = Place::from(TrayGeometry::PAPER.surface(angle_rad));
+            let mut part = Part {
+                velocity_x_m_s: velocity[0],
+                velocity_y_m_s: velocity[1],
+                ..part_at(place, radius_m * angle_rad.cos(), radius_m * angle_rad.sin())
+            };
+            let before = part.velocity_m_s().norm();
+            track().confine(&mut part);
+            prop_assert!(part.velocity_m_s().norm() <= before + 1e-15);
+        }
+    }
+}

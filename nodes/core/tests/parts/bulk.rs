@@ -242,6 +242,21 @@ fn parts_inside_the_critical_radius_are_reported_stranded() {
 }
 
 #[test]
+fn a_part_that_climbs_is_not_stranded_wherever_it_is() {
+    let settings = BulkSettings {
+        critical_radius_m: 0.085,
+        ..BulkSettings::default()
+    };
+    let mut bulk = bulk_of(spec(0.004, 0.2), settings, 1);
+    bulk.put(0.080, 1.5, 0.0, 0).unwrap();
+    for _ in 0..30 {
+        bulk.step(&YawVibration::paper().block(0, 200, 5e-4))
+            .unwrap();
+        assert!(!bulk.parts()[0].stranded);
+    }
+}
+
+#[test]
 fn picking_takes_the_nearest_part_within_reach() {
     let mut bulk = bulk(0.006, 1);
     for angle_rad in [4.0, 4.2, 4.4] {
@@ -266,7 +281,7 @@ fn picking_takes_the_nearest_part_within_reach() {
 
 #[test]
 fn a_row_of_parts_is_pushed_together_against_the_wall() {
-    // The tray accelerates along −x, so that parts slide along +x and pile up at the outer wall around ψ = 1.5 π ± …
+    // The tray accelerates along +y, so that parts slide along −y and pile up at the outer wall around ψ = 3π/2.
     let mut bulk = bulk(0.006, 1);
     for angle_rad in [4.6, 4.75, 4.9, 5.05, 5.2] {
         bulk.put(0.084, angle_rad, 0.0, 0).unwrap();
@@ -315,12 +330,12 @@ fn violent_sample() -> impl Strategy<Value = MotionSample> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
+    #![proptest_config(ProptestConfig::with_cases(16))]
 
     #[test]
     fn motion_beyond_any_courier_is_contained(
         samples in prop::collection::vec(violent_sample(), 1..60),
-        hold in 1_usize..10,
+        hold in 1_usize..40,
         sample_period_s in 1e-5..0.01_f64,
         seed in 0_u64..1000,
     ) {
@@ -331,7 +346,7 @@ proptest! {
             bulk.step(&block).unwrap();
             prop_assert!(bulk.is_conserved());
             let overlap = worst_overlap(&bulk);
-            prop_assert!(overlap < 0.02, "{overlap} {:?}", bulk.parts());
+            prop_assert!(overlap < 0.02, "overlap {overlap}");
             for part in bulk.parts() {
                 prop_assert!(part.position_m().iter().all(|value| value.is_finite()));
                 prop_assert!(part.velocity_m_s().iter().all(|value| value.is_finite()));
