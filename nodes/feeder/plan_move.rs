@@ -22,22 +22,22 @@ pub(crate) enum Protect {
 #[derive(Clone, Copy, Debug, Args)]
 pub(crate) struct PlanMoveArgs {
     /// Distance, m.
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     distance: f64,
     /// Coefficient of static friction between part and tray.
-    #[arg(long, default_value_t = GentleParameters::default().friction)]
+    #[arg(long, allow_negative_numbers = true, default_value_t = GentleParameters::default().friction)]
     mu: f64,
     /// Largest jerk, m/s³.
-    #[arg(long, default_value_t = GentleParameters::default().jerk_m_s3_max)]
+    #[arg(long, allow_negative_numbers = true, default_value_t = GentleParameters::default().jerk_m_s3_max)]
     jerk: f64,
     /// What to protect.
     #[arg(long, value_enum, default_value_t = Protect::Selected)]
     policy: Protect,
     /// Radius at which the part lies on the ramp, m.
-    #[arg(long, default_value_t = TrayGeometry::PAPER.outer_radius_m)]
+    #[arg(long, allow_negative_numbers = true, default_value_t = TrayGeometry::PAPER.outer_radius_m)]
     ramp_radius: f64,
     /// Share of the acceleration held by friction that is used.
-    #[arg(long, default_value_t = GentleParameters::default().friction_share)]
+    #[arg(long, allow_negative_numbers = true, default_value_t = GentleParameters::default().friction_share)]
     friction_share: f64,
 }
 

@@ -122,9 +122,12 @@ proptest! {
         let plan = planner(gentle).plan(Vector3::zeros(), to, &parts).unwrap();
         let mut driver = CourierDriver::simulated(CourierConfig::default(), 1).unwrap();
         driver.execute(1, &plan.trajectory()).unwrap();
-        let ticks = (plan.duration_s / 0.5e-3) as usize + 1;
         let tray = TrayGeometry::PAPER;
-        for sample in driver.step(ticks).block.samples {
+        let samples = std::iter::from_fn(|| {
+            let step = driver.step(1);
+            step.status.moving.then_some(step.block.samples[0])
+        });
+        for sample in samples {
             let a = sample.acceleration.xy();
             // Feedback against rounding adds nothing to speak of.
             if a.norm() > 1e-6 {
@@ -227,11 +230,10 @@ impl World {
     fn act(&mut self, output: Output) {
         match output {
             Output::Feed(true) if self.faults.feed_refused => self.tell(Heard::FeedRefused),
+            Output::Feed(false) if self.faults.never_stops => {}
             Output::Feed(on) => {
-                if on || !self.faults.never_stops {
-                    let waveform = Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 17.66, 130.9).unwrap();
-                    self.driver.set_waveform(&waveform, on).unwrap();
-                }
+                let waveform = Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 17.66, 130.9).unwrap();
+                self.driver.set_waveform(&waveform, on).unwrap();
             }
             Output::Move(id, _) if self.faults.moves_refused => {
                 self.tell(Heard::MoveEnded(id, Err("refused by a test".into())));
@@ -366,7 +368,7 @@ fn the_part_presented_lies_under_the_tool_axis_and_was_seen_at_rest() {
     assert!(delivered.part_in_station_m.norm() < 20e-6);
     assert!((delivered.yaw_rad - 0.3).abs() < 1e-6);
     let stopping = |(_, output): &&(Stamp, Output)| matches!(output, Output::Phase { phase: Phase::Settling, .. });
-    let settling = world.log.iter().filter(stopping).next_back().unwrap().0;
+    let settling = world.log.iter().rfind(stopping).unwrap().0;
     assert!(delivered.choice.look + World::LATENCY >= settling);
 }
 
