@@ -1,3 +1,38 @@
-//! The `feeder` command.
+//! The `feeder` command: each subcommand lives in a module of its own, this file only names them.
 
-fn main() {}
+mod analysis;
+mod plan_move;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// A miniature mobile parts feeder.
+#[derive(Debug, Parser)]
+#[command(version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    PlanMove(plan_move::Args),
+    FeedRate(analysis::feed_rate::Args),
+    TrayMap(analysis::tray_map::Args),
+}
+
+fn main() -> ExitCode {
+    let outcome = match Cli::parse().command {
+        Command::PlanMove(args) => plan_move::run(&args),
+        Command::FeedRate(args) => analysis::feed_rate::run(&args),
+        Command::TrayMap(args) => analysis::tray_map::run(&args),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

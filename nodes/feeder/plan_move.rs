@@ -1,6 +1,6 @@
 //! `feeder plan-move`: how long a gentle move takes, against what friction would allow.
 
-use clap::{Args, ValueEnum};
+use clap::ValueEnum;
 use feeder_core::courier::{CourierLimits, Load};
 use feeder_core::delivery::{GentleParameters, MovePlan, MovePlanner, PlanError};
 use feeder_core::range::OutOfRange;
@@ -11,7 +11,7 @@ use serde::Serialize;
 /// What to protect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub(crate) enum Protect {
+enum Protect {
     /// A part on the plateau.
     Selected,
     /// A part on the ramp, the move along its slope: uphill it is held less well than downhill.
@@ -19,8 +19,8 @@ pub(crate) enum Protect {
 }
 
 /// Plan a straight move from rest to rest and print its figures as JSON.
-#[derive(Clone, Copy, Debug, Args)]
-pub(crate) struct PlanMoveArgs {
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(crate) struct Args {
     /// Distance, m.
     #[arg(long, allow_negative_numbers = true)]
     distance: f64,
@@ -43,7 +43,7 @@ pub(crate) struct PlanMoveArgs {
 
 /// The figures of a move.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub(crate) struct MoveFigures {
+struct MoveFigures {
     policy: Protect,
     distance_m: f64,
     friction: f64,
@@ -59,11 +59,16 @@ pub(crate) struct MoveFigures {
     peak_acceleration_m_s2: f64,
 }
 
-/// Plans the move.
+/// Plans the move and prints its figures.
 ///
 /// # Errors
 /// An argument out of its range, or a move that cannot be planned.
-pub(crate) fn plan_move(args: &PlanMoveArgs) -> Result<MoveFigures, PlanError> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    println!("{}", serde_json::to_string_pretty(&figures(args)?)?);
+    Ok(())
+}
+
+fn figures(args: &Args) -> Result<MoveFigures, PlanError> {
     let tray = TrayGeometry::PAPER;
     let limits = CourierLimits::default();
     let (distance_m, length_m) = (args.distance, limits.x_m_max - limits.x_m_min);
@@ -101,4 +106,31 @@ pub(crate) fn plan_move(args: &PlanMoveArgs) -> Result<MoveFigures, PlanError> {
         jerk_bound_s,
         peak_acceleration_m_s2,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn args(distance: f64, mu: f64, policy: Protect) -> Args {
+        Args { distance, mu, jerk: 100.0, policy, ramp_radius: 0.09, friction_share: 0.97 }
+    }
+
+    #[test]
+    fn verif_the_reference_case_has_the_bounds_of_the_table() {
+        // 300 mm at μ 0.2: 0.782 s flat, 0.802 s with J = 100 m/s³; 0.838 s for a part on the ramp at 90 mm.
+        let flat = figures(&args(0.3, 0.2, Protect::Selected)).unwrap();
+        assert!((flat.bound_s - 0.782).abs() < 5e-4 && (flat.jerk_bound_s - 0.802).abs() < 5e-4);
+        assert!(flat.duration_s <= 1.03 * flat.jerk_bound_s && flat.duration_s <= 1.05 * flat.bound_s);
+        assert!((figures(&args(0.3, 0.2, Protect::All)).unwrap().bound_s - 0.838).abs() < 5e-4);
+    }
+
+    #[test]
+    fn figures_out_of_range_are_refused_by_name() {
+        for (distance, mu, name) in [(-1.0, 0.2, "--distance"), (f64::NAN, 0.2, "--distance"), (0.3, -0.2, "friction")]
+        {
+            let error = figures(&args(distance, mu, Protect::Selected)).unwrap_err().to_string();
+            assert!(error.contains(name), "{error}");
+        }
+    }
 }

@@ -10,6 +10,7 @@
 pub mod courier;
 pub mod delivery;
 pub mod gravity;
+pub mod mechanics;
 pub mod motion;
 pub mod range;
 pub mod tray;

@@ -49,18 +49,14 @@ impl OptimalDesign {
         )?;
         let forward = gravity_m_s2 * (friction_angle - slope_rad).tan();
         let backward = gravity_m_s2 * (friction_angle + slope_rad).tan();
-        // On a slope the forward push presses the part off the tray beyond g / tan φ.
-        let lift_off = if slope_rad > 0.0 {
-            gravity_m_s2 / slope_rad.tan()
-        } else {
-            f64::INFINITY
-        };
+        // On a slope one of the pushes takes the tray from under the part beyond g / tan |φ|.
+        let lift_off = gravity_m_s2 / slope_rad.abs().tan();
         OutOfRange::unless(
             limit_m_s2 > backward && limit_m_s2 >= forward && limit_m_s2 <= lift_off,
             "limit_m_s2",
             limit_m_s2,
             format_args!(
-                "above {backward} (g tan(φ_f + φ)), at least {forward} (g tan(φ_f − φ)), at most {lift_off} (g / tan φ)"
+                "above {backward} (g tan(φ_f + φ)), at least {forward} (g tan(φ_f − φ)), at most {lift_off} (g / tan |φ|)"
             ),
         )?;
         Ok(StickWindow { forward, backward })
@@ -142,7 +138,7 @@ impl Waveform {
     /// # Errors
     ///
     /// If a parameter is not positive, or outside the waveform's validity: |φ| < φ_f < 90° − |φ|, A > k, A ≥ a_s, and
-    /// A sin φ ≤ g cos φ (contact).
+    /// A sin |φ| ≤ g cos φ (contact).
     pub fn optimal(
         axis: Axis,
         period_s: f64,

@@ -1,0 +1,14 @@
+//! Subcommands that compute rather than run: feed rates, tray maps, the paper's figures, and design.
+
+mod arguments;
+pub(crate) mod feed_rate;
+pub(crate) mod tray_map;
+
+use anyhow::Result;
+use serde::Serialize;
+
+/// Prints a result as JSON on standard output.
+fn print_json(value: &impl Serialize) -> Result<()> {
+    println!("{}", serde_json::to_string_pretty(value)?);
+    Ok(())
+}
