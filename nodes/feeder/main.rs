@@ -2,6 +2,7 @@
 
 mod analysis;
 mod crew;
+mod plan_move;
 mod scenario_file;
 mod summary;
 mod table;
@@ -26,6 +27,7 @@ enum Command {
     Up(up::UpArgs),
     Check(scenario_file::CheckArgs),
     Node(NodeArgs),
+    PlanMove(plan_move::Args),
     FeedRate(analysis::feed_rate::Args),
     TrayMap(analysis::tray_map::Args),
 }
@@ -49,6 +51,7 @@ fn main() -> ExitCode {
         }
         Command::Check(args) => scenario_file::check(&args),
         Command::Node(args) => return node(args),
+        Command::PlanMove(args) => plan_move::run(&args),
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),
     };

@@ -1,1 +1,48 @@
-fn main() {}
+//! What a servo tick, a plan and a check cost.
+#![expect(clippy::unwrap_used, reason = "what fails to set up fails the bench")]
+
+use std::hint::black_box;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use feeder_core::courier::plant::PlantParameters;
+use feeder_core::courier::{CourierConfig, CourierDriver, CourierLimits, Load};
+use feeder_core::delivery::{GentleParameters, MovePlanner, ramp_parts};
+use feeder_core::tray::TrayGeometry;
+use feeder_core::waveform::{Axis, Waveform};
+use nalgebra::Vector3;
+
+fn servo(criterion: &mut Criterion) {
+    let waveform = Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 17.66, 130.9).unwrap();
+    for (name, plant) in [("ideal", PlantParameters::IDEAL), ("assumed", PlantParameters::ASSUMED)] {
+        let mut driver = CourierDriver::simulated(CourierConfig { plant, ..CourierConfig::default() }, 1).unwrap();
+        driver.set_waveform(&waveform, true).unwrap();
+        criterion.bench_function(&format!("20 servo ticks, {name} plant"), |bencher| {
+            bencher.iter(|| black_box(driver.step(20)));
+        });
+    }
+}
+
+fn planning(criterion: &mut Criterion) {
+    let tray = TrayGeometry::PAPER;
+    let planner =
+        MovePlanner::new(GentleParameters::default(), tray, CourierLimits::default(), Load::default()).unwrap();
+    let (from, to) = (Vector3::zeros(), Vector3::new(0.3, 0.1, 0.0));
+    criterion.bench_function("plan a move, one part", |bencher| {
+        bencher.iter(|| planner.plan(black_box(from), black_box(to), &[]).unwrap());
+    });
+    let parts = ramp_parts(&tray, 0.06);
+    criterion.bench_function("plan a move, parts all over the ramp", |bencher| {
+        bencher.iter(|| planner.plan(black_box(from), black_box(to), &parts).unwrap());
+    });
+    let trajectory = planner.plan(from, to, &[]).unwrap().trajectory();
+    criterion.bench_function("check and accept a trajectory of 0.8 s", |bencher| {
+        bencher.iter_batched(
+            || CourierDriver::simulated(CourierConfig::default(), 1).unwrap(),
+            |mut driver| driver.execute(1, &trajectory).unwrap(),
+            criterion::BatchSize::SmallInput,
+        );
+    });
+}
+
+criterion_group!(benches, servo, planning);
+criterion_main!(benches);
