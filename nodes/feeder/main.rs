@@ -6,6 +6,7 @@ mod plan_move;
 mod scenario_file;
 mod summary;
 mod table;
+mod teach;
 mod up;
 mod view;
 
@@ -27,6 +28,7 @@ enum Command {
     Up(up::UpArgs),
     Check(scenario_file::CheckArgs),
     Node(NodeArgs),
+    Teach(teach::TeachArgs),
     PlanMove(plan_move::Args),
     FeedRate(analysis::feed_rate::Args),
     TrayMap(analysis::tray_map::Args),
@@ -51,6 +53,7 @@ fn main() -> ExitCode {
         }
         Command::Check(args) => scenario_file::check(&args),
         Command::Node(args) => return node(args),
+        Command::Teach(args) => teach::run(&args),
         Command::PlanMove(args) => plan_move::run(&args),
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),

@@ -15,6 +15,7 @@ pub(crate) struct CheckArgs {
 /// Checks a file, including what only shows when the nodes are connected.
 pub(crate) fn check(args: &CheckArgs) -> anyhow::Result<()> {
     let scenario = load(Some(&args.file))?;
+    scenario.taught_selector().with_context(|| args.file.display().to_string())?;
     let contract = crate::up::connect(&scenario).with_context(|| args.file.display().to_string())?;
     println!(
         "{}: ok, {} nodes, {} parts, {} stations, {} s",

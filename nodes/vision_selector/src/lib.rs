@@ -1,21 +1,190 @@
-//! temporary
+//! The vision selector: finds the parts on the plateau that lie right.
+//!
+//! It works from the compressed image, the calibration and the odometry at the image's stamp alone, with a model of the
+//! part that was taught from pictures (`feeder teach`).
+//!
+//! Every part that lies wholly on the plateau is a detection, its bounding box in the tray frame, its `id` the same from
+//! frame to frame. A detection's hypothesis names part and resting pose, as in `grommet/hole_up`, with the confidence as
+//! its score. A part whose pose is not known, and one in a wanted pose that must not be picked (not sure enough, or no
+//! room for the gripper), comes without hypothesis: it is only in the way.
+
+use std::collections::VecDeque;
+
+use feeder_core::camera::{CameraModel, MountedTray, codec};
 use feeder_core::scenario::Scenario;
+use feeder_core::selection::{Selector, TrackedCandidate, draw_overlay};
 use feeder_runtime::dds::Qos;
-use feeder_runtime::node::*;
-use minifactory_msgs::vision_msgs::msg::Detection3DArray;
-use minifactory_msgs::sensor_msgs::msg::CompressedImage;
+use feeder_runtime::node::{Declare, FeederNode, Latency, NodeError, Publisher, StepIo, Subscriber, ns_of_stamp};
+use image::GrayImage;
+use minifactory_msgs::convert::{planar_isometry, planar_pose};
+use minifactory_msgs::geometry_msgs::msg::Vector3;
 use minifactory_msgs::nav_msgs::msg::Odometry;
-/// x
-pub struct Ports{image: Subscriber<CompressedImage>, odometry: Subscriber<Odometry>, candidates: Publisher<Detection3DArray>}
-/// x
-pub struct VisionSelector{ports: Ports}
+use minifactory_msgs::sensor_msgs::msg::{CompressedImage, Image};
+use minifactory_msgs::std_msgs::msg::Header;
+use minifactory_msgs::vision_msgs::msg::{
+    BoundingBox3D, Detection3D, Detection3DArray, ObjectHypothesis, ObjectHypothesisWithPose,
+};
+use nalgebra::Isometry2;
+
+/// How many odometry messages are kept: images come later than the motion they show.
+const ODOMETRY_KEPT: usize = 64;
+
+/// Handles of the selector's ports.
+pub struct Ports {
+    image: Subscriber<CompressedImage>,
+    odometry: Subscriber<Odometry>,
+    candidates: Publisher<Detection3DArray>,
+    annotated: Publisher<Image>,
+}
+
+/// The vision selector.
+pub struct VisionSelector {
+    ports: Ports,
+    selector: Selector,
+    camera: CameraModel,
+    tray: MountedTray,
+    names: Names,
+    /// Stamp (ns) and pose of the tray, oldest first.
+    poses: VecDeque<(u64, Isometry2<f64>)>,
+    /// What was last wrong with an image, so that it is said once.
+    fault: Option<String>,
+}
+
+/// Names of classes and frames.
+struct Names {
+    part: String,
+    poses: Vec<String>,
+    wanted_poses: Vec<usize>,
+    tray_frame: String,
+}
+
 impl FeederNode for VisionSelector {
- const NAME: &'static str = "vision_selector"; type Config = Scenario; type Ports = Ports;
- fn namespaces(c: &Scenario) -> Vec<String> { vec![c.namespace()] }
- fn declare(io: &mut Declare, _: &Scenario) -> Ports { Ports {
+    const NAME: &'static str = "vision_selector";
+    type Config = Scenario;
+    type Ports = Ports;
+
+    fn namespaces(config: &Scenario) -> Vec<String> {
+        vec![config.namespace()]
+    }
+
+    fn declare(io: &mut Declare, _: &Scenario) -> Ports {
+        Ports {
             image: io.subscriber("camera/image_raw/compressed", Latency::Forward, Qos::command()),
             odometry: io.subscriber("odometry", Latency::Forward, Qos::command()),
-            candidates: io.publisher("candidates", Qos::command()), } }
- fn open(ports: Ports, _: &Scenario) -> Result<Self, NodeError> { Ok(Self{ports}) }
- fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> { let n = io.take(&self.ports.odometry).len(); for i in io.take(&self.ports.image) { let _=n; let m = Detection3DArray{header: i.header, ..Default::default()}; io.publish(&self.ports.candidates, &m); } Ok(()) }
+            candidates: io.publisher("candidates", Qos::command()),
+            annotated: io.publisher("camera/annotated", Qos::sensor()),
+        }
+    }
+
+    fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
+        let names = Names {
+            part: config.part.name.clone(),
+            poses: config.part.resting_poses.iter().map(|pose| pose.name.clone()).collect(),
+            wanted_poses: config.selector().wanted_poses,
+            tray_frame: format!("{}/tray", config.feeder),
+        };
+        let (camera, tray) = (config.camera.model.clone(), config.tray);
+        let selector = config.taught_selector().map_err(NodeError::new)?;
+        Ok(Self { ports, selector, camera, tray, names, poses: VecDeque::new(), fault: None })
+    }
+
+    fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
+        for message in io.take(&self.ports.odometry) {
+            self.poses.push_back((ns_of_stamp(&message.header.stamp), planar_isometry(&message.pose.pose)));
+            if self.poses.len() > ODOMETRY_KEPT {
+                self.poses.pop_front();
+            }
+        }
+        for message in io.take(&self.ports.image) {
+            let seen = self.look(&message);
+            let (tracked, fault) = match seen {
+                Ok(picture) => {
+                    if io.wanted(&self.ports.annotated) {
+                        let image = self.annotate(&message.header, &picture);
+                        io.publish(&self.ports.annotated, &image);
+                    }
+                    (picture.tracked, None)
+                }
+                Err(fault) => (Vec::new(), Some(fault)),
+            };
+            if fault != self.fault {
+                match &fault {
+                    Some(fault) => tracing::warn!("nothing is selected: {fault}"),
+                    None => tracing::info!("the plateau is in view"),
+                }
+                self.fault = fault;
+            }
+            io.publish(&self.ports.candidates, &self.names.detections(&message.header, &tracked));
+        }
+        Ok(())
+    }
+}
+
+/// An image that was understood.
+struct Picture {
+    image: GrayImage,
+    platen_from_tray: Isometry2<f64>,
+    tracked: Vec<TrackedCandidate>,
+}
+
+impl VisionSelector {
+    fn look(&mut self, message: &CompressedImage) -> Result<Picture, String> {
+        let stamp_ns = ns_of_stamp(&message.header.stamp);
+        let (_, platen_from_tray) = *self
+            .poses
+            .iter()
+            .find(|(ns, _)| *ns == stamp_ns)
+            .ok_or("no odometry at the stamp of the image")?;
+        let image = codec::decode(&message.data).map_err(|error| error.to_string())?;
+        let stamp_s = std::time::Duration::from_nanos(stamp_ns).as_secs_f64();
+        let tracked = self.selector.process(stamp_s, &image, &platen_from_tray).map_err(|fault| fault.to_string())?;
+        Ok(Picture { image, platen_from_tray, tracked })
+    }
+
+    fn annotate(&self, header: &Header, picture: &Picture) -> Image {
+        let drawn =
+            draw_overlay(&picture.image, &picture.tracked, &self.camera, &self.tray, &picture.platen_from_tray);
+        let (width, height) = drawn.dimensions();
+        Image {
+            header: header.clone(),
+            height,
+            width,
+            encoding: "rgb8".to_owned(),
+            is_bigendian: 0,
+            step: 3 * width,
+            data: drawn.into_raw(),
+        }
+    }
+}
+
+impl Names {
+    fn detections(&self, image: &Header, tracked: &[TrackedCandidate]) -> Detection3DArray {
+        let header = Header { stamp: image.stamp, frame_id: self.tray_frame.clone() };
+        // A track that coasts was not seen in this frame.
+        let on_plateau = tracked.iter().filter(|part| part.candidate.on_plateau);
+        let detections = on_plateau.map(|part| self.detection(&header, part)).collect();
+        Detection3DArray { header, detections }
+    }
+
+    fn detection(&self, header: &Header, part: &TrackedCandidate) -> Detection3D {
+        let seen = &part.candidate;
+        let pose = planar_pose(seen.x_m, seen.y_m, 0.0, seen.yaw_rad.unwrap_or(0.0));
+        let known = part.pose.filter(|pose| part.selectable || !self.wanted_poses.contains(pose));
+        let results = known.and_then(|index| self.poses.get(index)).map(|name| {
+            let class_id = format!("{}/{name}", self.part);
+            let mut result = ObjectHypothesisWithPose {
+                hypothesis: ObjectHypothesis { class_id, score: part.confidence },
+                ..ObjectHypothesisWithPose::default()
+            };
+            result.pose.pose = pose;
+            result
+        });
+        let size = Vector3 { x: seen.diameter_m, y: seen.diameter_m, z: 0.0 };
+        Detection3D {
+            header: header.clone(),
+            results: results.into_iter().collect(),
+            bbox: BoundingBox3D { center: pose, size },
+            id: part.id.to_string(),
+        }
+    }
 }

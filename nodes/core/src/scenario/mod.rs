@@ -13,7 +13,7 @@ use crate::delivery::DeliveryConfig;
 use crate::manipulator::ManipulatorConfig;
 use crate::parts::{BulkSettings, PartType};
 use crate::range::OutOfRange;
-use crate::selection::SelectorConfig;
+use crate::selection::{PartModel, Selector, SelectorConfig};
 use crate::waveform::Waveform;
 pub use waveform::WaveformSpec;
 
@@ -49,9 +49,12 @@ pub struct Scenario {
     pub parts_loaded: u32,
     /// The camera.
     pub camera: CameraSection,
-    /// The vision selector.
+    /// The vision selector. The wanted pose is the part's.
     #[serde(default)]
     pub selector: SelectorConfig,
+    /// What the selector was taught of the part, by `feeder teach`; nothing can run without, but a part can be taught.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part_model: Option<PartModel>,
     /// The delivery planner. Its stations are those of `stations`.
     #[serde(default)]
     pub delivery: DeliveryConfig,
@@ -214,8 +217,8 @@ impl Scenario {
     pub fn scene(&self) -> Scene {
         Scene {
             camera: self.camera.model.clone(),
-            tray: self.tray.clone(),
-            tray_appearance: self.camera.tray.clone(),
+            tray: self.tray,
+            tray_appearance: self.camera.tray,
             part: PartAppearance {
                 diameter_m: self.part.diameter_m,
                 thickness_m: self.part.thickness_m,
@@ -234,6 +237,24 @@ impl Scenario {
         DeliveryConfig { stations_m: stations_m.collect(), ..self.delivery.clone() }
     }
 
+    /// The selector's parameters, with the wanted pose of the part.
+    #[must_use]
+    pub fn selector(&self) -> SelectorConfig {
+        SelectorConfig { wanted_poses: vec![self.part.wanted_pose_index()], ..self.selector.clone() }
+    }
+
+    /// A selector that knows the part.
+    ///
+    /// # Errors
+    /// A part that was never taught, or values that do not go together.
+    pub fn taught_selector(&self) -> Result<Selector, ScenarioError> {
+        let Some(model) = self.part_model.clone() else {
+            let problem = "missing: teach the part with `feeder teach --scenario FILE` and add what it prints".to_owned();
+            return Err(ScenarioError::Invalid { section: "part_model", problem });
+        };
+        Selector::new(self.selector(), &self.camera.model, &self.tray, model).map_err(|error| invalid("selector", &error))
+    }
+
     /// Namespace of the feeder's nodes.
     #[must_use]
     pub fn namespace(&self) -> String {
@@ -250,7 +271,9 @@ impl Scenario {
         crate::parts::PartBulk::new(self.tray.geometry, self.part.clone(), self.bulk, self.seed)
             .map_err(|error| invalid("bulk", &error))?;
         self.validate_camera()?;
-        self.selector.validate().map_err(|error| invalid("selector", &error))?;
+        if self.part_model.is_some() {
+            self.taught_selector()?;
+        }
         self.delivery.validate().map_err(|error| invalid("delivery", &error))?;
         self.validate_stations()
     }
