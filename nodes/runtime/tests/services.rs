@@ -167,7 +167,7 @@ fn a_call_without_an_answer_ends_with_the_reason() {
     });
     wait_until("the server is there", || alone.is_available());
     assert!(matches!(
-        alone.call(numbers(1, 1), timeout).wait(),
+        alone.call(numbers(1, 1), Duration::from_secs(1)).wait(),
         Err(CallError::TimedOut { .. })
     ));
     // Its answer comes too late and is dropped.

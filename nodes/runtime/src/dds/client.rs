@@ -88,7 +88,8 @@ impl Participant {
     }
 }
 
-/// A client of a service. Calls in flight end with [`CallError::Closed`] when it is dropped.
+/// A client of a service. A call to a server that was just found takes
+/// some tenths of a second. Calls in flight end with [`CallError::Closed`] when it is dropped.
 pub struct Client {
     // Dropped first: calls in flight end by it.
     open: watch::Sender<()>,
@@ -288,10 +289,11 @@ impl Line {
     }
 
     async fn wait_for_server(&self) -> Guid {
-        let mut readers = self.outlet.peers.subscribe();
-        let mut writers = self.servers.subscribe();
+        let mut readers = self.outlet.peers.changes();
+        let mut writers = self.servers.changes();
         loop {
             if let Some(server) = self.server() {
+                self.outlet.peers.settled(server).await;
                 return server;
             }
             tokio::select! {

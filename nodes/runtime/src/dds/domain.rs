@@ -7,8 +7,12 @@ const LOCALHOST_ONLY: &str = "ROS_LOCALHOST_ONLY";
 /// How far participants are looked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum DiscoveryRange {
-    /// This host only: nothing is sent to, or advertised on, any other network interface.
-    /// Participants on this host with range [`Subnet`](Self::Subnet) are found as well.
+    /// This host only: nothing is sent to, or advertised on, any network interface but loopback.
+    ///
+    /// Participants on this host are found whatever their own range, as long as they listen on the
+    /// loopback interface. A Cyclone DDS that multicasts on another interface does not: it needs the
+    /// range `LOCALHOST` too (in its own terms: no multicast, participant index `auto`, peer
+    /// `localhost`), or this side [`Subnet`](Self::Subnet).
     Localhost,
     /// Every interface that can multicast. What ROS 2 does without further settings.
     Subnet,

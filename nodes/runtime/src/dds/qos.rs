@@ -54,7 +54,7 @@ impl Qos {
             reliability: Reliability::Reliable,
             durability: Durability::Volatile,
             depth: 10,
-            backlog: 128,
+            backlog: 256,
         }
     }
 

@@ -1,4 +1,5 @@
 use std::{
+    collections::BTreeMap,
     fmt,
     sync::{
         Arc,
@@ -9,7 +10,7 @@ use std::{
 
 use bytes::Bytes;
 use serde::{Serialize, de::DeserializeOwned};
-use tokio::time::{sleep, timeout};
+use tokio::time::{Instant, sleep, timeout};
 
 use super::{
     DdsError, Guid, Participant, PublishError, Qos, Reader, Writer,
@@ -213,21 +214,30 @@ impl ReplyHandle {
         self.client
     }
 
-    async fn deliver(&self, body: Bytes) -> Result<(), String> {
-        let readers = {
-            let mut peers = self.outlet.peers.subscribe();
-            let found =
-                peers.wait_for(|matched| !self.form.reply_readers(self.client, matched).is_empty());
-            match timeout(MATCH_PATIENCE, found).await {
-                Ok(Ok(matched)) => self.form.reply_readers(self.client, &matched),
-                Ok(Err(_)) => return Err("the server has closed".to_owned()),
-                Err(_) => {
-                    return Err(format!(
-                        "the client's reply reader was not found in {MATCH_PATIENCE:?}"
-                    ));
-                }
-            }
+    async fn wait_for_readers(&self) -> Vec<Guid> {
+        let peers = &self.outlet.peers;
+        let readers_among = |matched: &BTreeMap<Guid, Instant>| {
+            self.form
+                .reply_readers(self.client, matched.keys().copied())
         };
+        let mut changes = peers.changes();
+        let found = changes
+            .wait_for(|matched| !readers_among(matched).is_empty())
+            .await;
+        // The other outcome, that nothing will change any more, needs the peers to be gone.
+        let readers = found
+            .map(|matched| readers_among(&matched))
+            .unwrap_or_default();
+        futures::future::join_all(readers.iter().map(|reader| peers.settled(*reader))).await;
+        readers
+    }
+
+    async fn deliver(&self, body: Bytes) -> Result<(), String> {
+        let readers = timeout(MATCH_PATIENCE, self.wait_for_readers())
+            .await
+            .map_err(|_| {
+                format!("the client's reply reader was not found in {MATCH_PATIENCE:?}")
+            })?;
         let (payload, related) = self.form.reply(body);
         for turn in 0..SEND_COUNT_MAX {
             for reader in &readers {

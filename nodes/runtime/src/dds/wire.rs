@@ -8,8 +8,6 @@
 //! Nothing in discovery says which form an endpoint speaks, but its GUID names the implementation,
 //! and each implementation of ROS 2 speaks one form.
 
-use std::collections::BTreeSet;
-
 use bytes::{BufMut, Bytes, BytesMut};
 
 use super::{Guid, Sample, SampleId};
@@ -89,12 +87,14 @@ impl RequestForm {
 
     /// Which of a reply writer's readers the reply is for: the one the request names, else all in the
     /// client's participant. To others it must not go: a reply of one form disturbs clients of the other.
-    pub(super) fn reply_readers(self, client: Guid, matched: &BTreeSet<Guid>) -> Vec<Guid> {
+    pub(super) fn reply_readers(
+        self,
+        client: Guid,
+        matched: impl Iterator<Item = Guid> + Clone,
+    ) -> Vec<Guid> {
         match self {
-            Self::Related(id) if matched.contains(&id.guid) => vec![id.guid],
+            Self::Related(id) if matched.clone().any(|reader| reader == id.guid) => vec![id.guid],
             _ => matched
-                .iter()
-                .copied()
                 .filter(|reader| reader.participant() == client.participant())
                 .collect(),
         }
@@ -225,7 +225,7 @@ mod tests {
         );
         let others = guid(FAST, 5);
         assert_eq!(
-            form.reply_readers(writer, &[reader, others].into()),
+            form.reply_readers(writer, [reader, others].into_iter()),
             [reader]
         );
         assert_eq!(
@@ -259,7 +259,7 @@ mod tests {
         let mut same_participant = writer;
         same_participant.0[15] = 7;
         assert_eq!(
-            form.reply_readers(writer, &[same_participant, guid(CYCLONE, 9)].into()),
+            form.reply_readers(writer, [same_participant, guid(CYCLONE, 9)].into_iter()),
             [same_participant]
         );
         assert_eq!(
