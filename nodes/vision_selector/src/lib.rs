@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 
 use feeder_core::camera::{CameraModel, MountedTray, codec};
 use feeder_core::scenario::Scenario;
-use feeder_core::selection::{Selector, TrackedCandidate, draw_overlay};
+use feeder_core::selection::{ImageFault, Selector, TrackedCandidate, draw_overlay};
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{Declare, FeederNode, Latency, NodeError, Publisher, StepIo, Subscriber, ns_of_stamp};
 use image::GrayImage;
@@ -47,7 +47,7 @@ pub struct VisionSelector {
     /// Stamp (ns) and pose of the tray, oldest first.
     poses: VecDeque<(u64, Isometry2<f64>)>,
     /// What was last wrong with an image, so that it is said once.
-    fault: Option<String>,
+    fault: Option<LookError>,
 }
 
 /// Names of classes and frames.
@@ -109,8 +109,9 @@ impl FeederNode for VisionSelector {
             };
             if fault != self.fault {
                 match &fault {
+                    // The tray is under way: nothing is wrong.
+                    None | Some(LookError::Image(ImageFault::PlateauOutOfView)) => {}
                     Some(fault) => tracing::warn!("nothing is selected: {fault}"),
-                    None => tracing::info!("the plateau is in view"),
                 }
                 self.fault = fault;
             }
@@ -118,6 +119,17 @@ impl FeederNode for VisionSelector {
         }
         Ok(())
     }
+}
+
+/// Why an image shows nothing.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+enum LookError {
+    #[error("no odometry at the stamp of the image")]
+    NoOdometry,
+    #[error("the image cannot be decoded: {0}")]
+    Decode(String),
+    #[error(transparent)]
+    Image(#[from] ImageFault),
 }
 
 /// An image that was understood.
@@ -128,16 +140,16 @@ struct Picture {
 }
 
 impl VisionSelector {
-    fn look(&mut self, message: &CompressedImage) -> Result<Picture, String> {
+    fn look(&mut self, message: &CompressedImage) -> Result<Picture, LookError> {
         let stamp_ns = ns_of_stamp(&message.header.stamp);
         let (_, platen_from_tray) = *self
             .poses
             .iter()
             .find(|(ns, _)| *ns == stamp_ns)
-            .ok_or("no odometry at the stamp of the image")?;
-        let image = codec::decode(&message.data).map_err(|error| error.to_string())?;
+            .ok_or(LookError::NoOdometry)?;
+        let image = codec::decode(&message.data).map_err(|error| LookError::Decode(error.to_string()))?;
         let stamp_s = std::time::Duration::from_nanos(stamp_ns).as_secs_f64();
-        let tracked = self.selector.process(stamp_s, &image, &platen_from_tray).map_err(|fault| fault.to_string())?;
+        let tracked = self.selector.process(stamp_s, &image, &platen_from_tray)?;
         Ok(Picture { image, platen_from_tray, tracked })
     }
 
