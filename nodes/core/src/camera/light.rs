@@ -125,7 +125,12 @@ impl Shading {
     pub(crate) fn on_slope(&self, gradient: Vector2<f32>, lit: f32) -> f32 {
         let toward = 1.0 - gradient.dot(&self.toward_lamp);
         let flattening = 1.0 / (1.0 + gradient.norm_squared()).sqrt();
-        self.diffuse + (1.0 - self.diffuse) * lit * (toward * flattening).max(0.0)
+        self.lit_by(lit * toward * flattening)
+    }
+
+    /// Brightness of a surface that gets `lamp` times the lamp light of a level one.
+    pub(crate) fn lit_by(&self, lamp: f32) -> f32 {
+        self.diffuse + (1.0 - self.diffuse) * lamp.max(0.0)
     }
 
     /// Brightness of an upright wall facing the horizontal unit vector `normal`: it sees half of the diffuse light.

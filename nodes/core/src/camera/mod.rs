@@ -4,6 +4,7 @@
 //! [`Renderer`] takes the picture: platen, tray and parts under a light, through the lens, with sensor noise.
 //! [`codec`] turns pictures into JPEG and back.
 
+mod appearance;
 pub mod codec;
 mod light;
 mod model;
@@ -11,13 +12,16 @@ mod noise;
 mod parts;
 mod render;
 mod scene;
+mod spec;
+mod tile;
 mod tray;
 
+pub use appearance::{FaceAppearance, FaceMark, FaceRing, PartAppearance, PartView};
 pub use light::LightModel;
-pub use model::{CameraModel, CameraPose, CameraSpec, Distortion};
-pub use parts::{FaceAppearance, FaceMark, FaceRing, PartAppearance, PartView};
+pub use model::CameraModel;
 pub use render::{Renderer, Scene, SensorModel};
 pub use scene::{MountedTray, TrayAppearance};
+pub use spec::{CameraPose, CameraSpec, Distortion};
 
 /// A number outside what it may be, in a camera, scene or selector description.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -61,11 +65,8 @@ pub(crate) fn single(value: f64) -> f32 {
 
 /// The nearest grey level; what is brighter than white is white.
 pub(crate) fn grey_level(value: f32) -> u8 {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a float cast saturates, as a sensor does"
-    )]
-    let level = (value + 0.5) as u8;
-    level
+    // At 2²³ single precision counts whole numbers: the sum's last byte is the rounded level. Unlike a saturating cast,
+    // this compiles to vector instructions.
+    const WHOLE: f32 = 8_388_608.0;
+    (value.clamp(0.0, 255.0) + WHOLE).to_bits().to_le_bytes()[0]
 }

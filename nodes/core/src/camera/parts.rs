@@ -1,225 +1,18 @@
-//! Parts in the picture: discs with faces that tell which way up they lie.
+//! Draws parts into the picture of the tray.
 
 use std::ops::Range;
 
-use nalgebra::{Isometry2, Matrix2, Point2, Point3, Vector2};
-use serde::{Deserialize, Serialize};
+use nalgebra::{Isometry2, Matrix2, Point2, Point3, Rotation2, Vector2};
 
+use super::appearance::{Face, PartView};
 use super::light::{LightModel, Shading};
 use super::render::Scene;
 use super::{CameraModel, InvalidValue, MountedTray, grey_level, require, single};
 
-/// Entries of a face's look from its centre to its rim.
-const FACE_SAMPLES: usize = 256;
 /// Softness of the edge of a shadow, relative to the part's radius, and the diffuse light a part keeps from the floor
 /// around its foot.
 const SHADOW_SOFTNESS: f32 = 0.18;
 const CONTACT_LOSS: f32 = 0.08;
-
-/// A ring of a face: from the radius of the ring inside it to its own.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FaceRing {
-    /// Outer radius relative to the part's.
-    pub radius_ratio: f64,
-    /// Share of light that comes back.
-    pub reflectance: f64,
-    /// Rise of the surface per distance outwards: negative on a chamfer at the rim, positive in a countersink.
-    #[serde(default)]
-    pub slope: f64,
-}
-
-/// A round spot beside the centre that makes the part's yaw visible.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FaceMark {
-    /// Distance of the spot from the centre along the part's x, relative to the part's radius.
-    pub offset_ratio: f64,
-    /// Radius of the spot, relative to the part's radius.
-    pub radius_ratio: f64,
-    /// Share of light that comes back.
-    pub reflectance: f64,
-}
-
-/// How a face looks from above.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FaceAppearance {
-    /// Concentric rings from the centre outwards; the last reaches the rim.
-    pub rings: Vec<FaceRing>,
-    /// A spot beside the centre.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub mark: Option<FaceMark>,
-}
-
-/// A disc-like part: its size and, for each resting pose, the face then on top.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PartAppearance {
-    /// Diameter, m.
-    pub diameter_m: f64,
-    /// Height of the upper face above the surface the part lies on, m.
-    pub thickness_m: f64,
-    /// Share of light that comes back from the side.
-    pub side_reflectance: f64,
-    /// The upper face in each resting pose.
-    pub faces: Vec<FaceAppearance>,
-}
-
-impl PartAppearance {
-    /// A rubber grommet of this size: in pose 0 a face with a dark hole, in pose 1 a darker flange with a bright boss.
-    /// Both faces are about equally bright on the whole, so that only their structure tells them apart.
-    #[must_use]
-    pub fn grommet(diameter_m: f64, thickness_m: f64) -> Self {
-        let ring = |radius_ratio, reflectance, slope| FaceRing {
-            radius_ratio,
-            reflectance,
-            slope,
-        };
-        let face = |rings| FaceAppearance { rings, mark: None };
-        Self {
-            diameter_m,
-            thickness_m,
-            side_reflectance: 0.26,
-            faces: vec![
-                face(vec![
-                    ring(0.30, 0.06, 0.0),
-                    ring(0.40, 0.40, 0.8),
-                    ring(0.90, 0.44, 0.0),
-                    ring(1.00, 0.38, -0.9),
-                ]),
-                face(vec![
-                    ring(0.42, 0.60, 0.0),
-                    ring(0.50, 0.45, -1.2),
-                    ring(0.60, 0.20, 0.0),
-                    ring(0.92, 0.36, 0.0),
-                    ring(1.00, 0.32, -0.9),
-                ]),
-            ],
-        }
-    }
-
-    /// Checks every number.
-    ///
-    /// # Errors
-    ///
-    /// [`InvalidValue`] naming the field out of range.
-    pub fn validate(&self) -> Result<(), InvalidValue> {
-        let diameter_ok = (5e-4..=0.2).contains(&self.diameter_m);
-        require(
-            diameter_ok,
-            "part.diameter_m",
-            self.diameter_m,
-            "5e-4 to 0.2 m",
-        )?;
-        let thickness_ok = (0.0..=0.1).contains(&self.thickness_m);
-        require(
-            thickness_ok,
-            "part.thickness_m",
-            self.thickness_m,
-            "0 to 0.1 m",
-        )?;
-        let share = |field, value| require((0.0..=1.0).contains(&value), field, value, "0 to 1");
-        share("part.side_reflectance", self.side_reflectance)?;
-        require(
-            !self.faces.is_empty(),
-            "part.faces",
-            0.0,
-            "at least one face",
-        )?;
-        for face in &self.faces {
-            let mut inner = 0.0;
-            for ring in &face.rings {
-                let radius = ring.radius_ratio;
-                require(
-                    radius > inner && radius <= 1.0,
-                    "part.faces.rings.radius_ratio",
-                    radius,
-                    "rising, up to 1",
-                )?;
-                inner = radius;
-                share("part.faces.rings.reflectance", ring.reflectance)?;
-                let slope_ok = ring.slope.abs() <= 10.0;
-                require(slope_ok, "part.faces.rings.slope", ring.slope, "-10 to 10")?;
-            }
-            require(
-                inner >= 1.0,
-                "part.faces.rings.radius_ratio",
-                inner,
-                "1 for the last ring",
-            )?;
-            if let Some(mark) = face.mark {
-                share("part.faces.mark.offset_ratio", mark.offset_ratio)?;
-                share("part.faces.mark.radius_ratio", mark.radius_ratio)?;
-                share("part.faces.mark.reflectance", mark.reflectance)?;
-            }
-        }
-        Ok(())
-    }
-}
-
-/// A part where it is, in the tray frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PartView {
-    /// Centre, x, m.
-    pub x_m: f64,
-    /// Centre, y, m.
-    pub y_m: f64,
-    /// Underside above the foot of the ramp, m.
-    pub z_m: f64,
-    /// Turn about the vertical, rad.
-    pub yaw_rad: f64,
-    /// Resting pose: which face is on top, an index into [`PartAppearance::faces`].
-    pub pose: usize,
-}
-
-/// A face sampled along its radius, blurred as far as a pixel does.
-#[derive(Clone, Debug)]
-struct Face {
-    /// Reflectance and slope from the centre to the rim.
-    samples: Vec<(f32, f32)>,
-    mark: Option<FaceMark>,
-}
-
-impl Face {
-    fn new(appearance: &FaceAppearance, pixel_ratio: f64) -> Self {
-        const TAPS: usize = 9;
-        let samples = (0..FACE_SAMPLES)
-            .map(|sample| {
-                let place = sample as f64 / (FACE_SAMPLES - 1) as f64;
-                let (mut reflectance, mut slope) = (0.0, 0.0);
-                for tap in 0..TAPS {
-                    let offset = (tap as f64 / (TAPS - 1) as f64 - 0.5) * pixel_ratio;
-                    let radius = (place + offset).abs().min(1.0);
-                    // The last ring reaches 1, so one is always found.
-                    if let Some(ring) = appearance
-                        .rings
-                        .iter()
-                        .find(|ring| radius <= ring.radius_ratio)
-                    {
-                        reflectance += ring.reflectance / TAPS as f64;
-                        slope += ring.slope / TAPS as f64;
-                    }
-                }
-                (single(reflectance), single(slope))
-            })
-            .collect();
-        Self {
-            samples,
-            mark: appearance.mark,
-        }
-    }
-
-    fn at(&self, radius: f32) -> (f32, f32) {
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a float cast saturates"
-        )]
-        let index = (radius * (FACE_SAMPLES - 1) as f32 + 0.5) as usize;
-        self.samples[index.min(FACE_SAMPLES - 1)]
-    }
-}
 
 /// Draws parts over the picture of the tray.
 #[derive(Clone, Debug)]
@@ -340,7 +133,7 @@ impl PartPainter {
         let thrown = shading.toward_lamp.map(f64::from) * (0.5 * self.thickness_m);
         let shadow = at(centre.x - thrown.x, centre.y - thrown.y, foot_m)?;
         let yaw_rad = platen_from_tray.rotation.angle() + part.yaw_rad;
-        let platen_from_part = *nalgebra::Rotation2::new(yaw_rad).matrix() * self.radius_m;
+        let platen_from_part = *Rotation2::new(yaw_rad).matrix() * self.radius_m;
         let px_from_platen = self
             .camera
             .projection_jacobian(Point3::new(centre.x, centre.y, top_m))?;
@@ -409,7 +202,7 @@ impl PartPainter {
             below_plateau && self.tray.inside_sector_m(at_plateau.into()) > -reach_m;
         (hidden_by_wall || hidden_by_drop_off).then(|| Screen {
             centre: in_tray.coords,
-            tray_from_part: *nalgebra::Rotation2::new(part.yaw_rad).matrix() * self.radius_m,
+            tray_from_part: *Rotation2::new(part.yaw_rad).matrix() * self.radius_m,
             eye,
             wall_scale,
             plateau_scale,
@@ -432,106 +225,90 @@ impl PartPainter {
         single((0.5 - behind_m * screen.px_per_m).clamp(0.0, 1.0))
     }
 
-    /// The rows and columns of pixels within `reach_px` of two centres.
-    fn pixels_around(
+    /// Calls `paint` for the pixels of an ellipse, its half-axes along the image's: with the pixel's index and place.
+    fn for_pixels(
         &self,
-        a: Vector2<f32>,
-        b: Vector2<f32>,
-        reach_px: Vector2<f32>,
-    ) -> (Range<usize>, Range<usize>) {
-        let range = |low: f32, high: f32, size: u32| {
-            #[expect(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "a float cast saturates"
-            )]
-            let (low, high) = (
-                low.floor().max(0.0) as usize,
-                (high.ceil() + 1.0).max(0.0) as usize,
-            );
-            low..high.min(size as usize)
-        };
-        (
-            range(
-                a.y.min(b.y) - reach_px.y,
-                a.y.max(b.y) + reach_px.y,
-                self.camera.height_px(),
-            ),
-            range(
-                a.x.min(b.x) - reach_px.x,
-                a.x.max(b.x) + reach_px.x,
-                self.camera.width_px(),
-            ),
-        )
+        centre: Vector2<f32>,
+        reach: Vector2<f32>,
+        mut paint: impl FnMut(usize, Vector2<f32>),
+    ) {
+        let width = self.camera.width_px() as usize;
+        for row in within(
+            centre.y - reach.y,
+            centre.y + reach.y,
+            self.camera.height_px(),
+        ) {
+            let down = (row as f32 - centre.y) / reach.y;
+            let half = reach.x * (1.0 - down * down).max(0.0).sqrt();
+            for column in within(centre.x - half, centre.x + half, self.camera.width_px()) {
+                paint(
+                    row * width + column,
+                    Vector2::new(column as f32, row as f32),
+                );
+            }
+        }
     }
 
     fn paint_shadow(&self, part: &Seen, pixels: &mut [u8]) {
-        let width = self.camera.width_px() as usize;
-        let reach = part.reach_px * (1.0 + SHADOW_SOFTNESS);
-        let (rows, columns) = self.pixels_around(part.shadow, part.shadow, reach);
         let loss = 1.0 - part.shading.diffuse() + CONTACT_LOSS;
-        let limit = (1.0 + SHADOW_SOFTNESS) * (1.0 + SHADOW_SOFTNESS);
-        for row in rows {
-            let line = &mut pixels[row * width..(row + 1) * width];
-            for column in columns.clone() {
-                let offset = Vector2::new(column as f32, row as f32) - part.shadow;
-                let place = part.part_from_px * offset;
-                let square = place.norm_squared();
-                if square < limit {
-                    let depth = ((1.0 + SHADOW_SOFTNESS - square.sqrt()) / (2.0 * SHADOW_SOFTNESS))
-                        .min(1.0);
-                    let mut shadow = loss * depth * depth * (3.0 - 2.0 * depth);
-                    if let Some(screen) = &part.screen {
-                        shadow *= self.unscreened(screen, place);
-                    }
-                    line[column] = grey_level(f32::from(line[column]) * (1.0 - shadow));
-                }
+        let reach = part.reach_px * (1.0 + SHADOW_SOFTNESS);
+        self.for_pixels(part.shadow, reach, |index, pixel| {
+            let place = part.part_from_px * (pixel - part.shadow);
+            let depth = (1.0 + SHADOW_SOFTNESS - place.norm()) / (2.0 * SHADOW_SOFTNESS);
+            let depth = depth.clamp(0.0, 1.0);
+            let mut shadow = loss * depth * depth * (3.0 - 2.0 * depth);
+            if let Some(screen) = &part.screen {
+                shadow *= self.unscreened(screen, place);
             }
-        }
+            pixels[index] = grey_level(f32::from(pixels[index]) * (1.0 - shadow));
+        });
     }
 
     fn paint_body(&self, part: &Seen, pixels: &mut [u8]) {
-        let width = self.camera.width_px() as usize;
-        let (rows, columns) =
-            self.pixels_around(part.top, part.foot, part.reach_px.add_scalar(1.0));
-        for row in rows {
-            let line = &mut pixels[row * width..(row + 1) * width];
-            for column in columns.clone() {
-                let pixel = Vector2::new(column as f32, row as f32);
-                let place = part.part_from_px * (pixel - part.top);
-                let radius = place.norm();
-                let top = ((1.0 - radius) * part.radius_px + 0.5).clamp(0.0, 1.0);
-                let side = if top < 1.0 {
-                    let radius = (part.part_from_px * (pixel - part.foot)).norm();
-                    ((1.0 - radius) * part.radius_px + 0.5).clamp(0.0, 1.0)
-                } else {
-                    0.0
-                };
-                if top + side <= 0.0 {
-                    continue;
-                }
-                let outward = place / radius.max(1e-3);
-                let mut value = f32::from(line[column]);
-                if side > 0.0 {
-                    let brightness = self.side_reflectance * part.shading.on_wall(outward);
-                    value += side * (brightness * part.white - value);
-                }
-                let (mut reflectance, slope) = part.face.at(radius);
-                if let Some(mark) = &part.face.mark {
-                    let offset = place - Vector2::new(single(mark.offset_ratio), 0.0);
-                    let inside_px = (single(mark.radius_ratio) - offset.norm()) * part.radius_px;
-                    let cover = (inside_px + 0.5).clamp(0.0, 1.0);
-                    reflectance += cover * (single(mark.reflectance) - reflectance);
-                }
-                let brightness =
-                    reflectance * part.shading.on_slope(part.tilt + outward * slope, 1.0);
-                value += top * (brightness * part.white - value);
-                if let Some(screen) = &part.screen {
-                    let behind = f32::from(line[column]);
-                    value = behind + self.unscreened(screen, place) * (value - behind);
-                }
-                line[column] = grey_level(value);
+        // The side shows beside the upper face by as much as the foot is displaced from it.
+        let centre = (part.top + part.foot) * 0.5;
+        let reach = part.reach_px + (part.top - part.foot).abs() * 0.5;
+        let tilted = part.tilt.dot(&part.shading.toward_lamp);
+        let tilt_flattening = 1.0 / (1.0 + part.tilt.norm_squared()).sqrt();
+        self.for_pixels(centre, reach.add_scalar(1.5), |index, pixel| {
+            let place = part.part_from_px * (pixel - part.top);
+            let radius = place.norm();
+            let top = ((1.0 - radius) * part.radius_px + 0.5).clamp(0.0, 1.0);
+            let outward = place / radius.max(1e-3);
+            let behind = f32::from(pixels[index]);
+            let mut value = behind;
+            if top < 1.0 {
+                let radius = (part.part_from_px * (pixel - part.foot)).norm();
+                let side = ((1.0 - radius) * part.radius_px + 0.5).clamp(0.0, 1.0);
+                let brightness = self.side_reflectance * part.shading.on_wall(outward);
+                value += side * (brightness * part.white - value);
             }
-        }
+            let sample = part.face.at(radius);
+            let mut reflectance = sample.reflectance;
+            if let Some(mark) = &part.face.mark {
+                let offset = place - Vector2::new(single(mark.offset_ratio), 0.0);
+                let inside_px = (single(mark.radius_ratio) - offset.norm()) * part.radius_px;
+                let cover = (inside_px + 0.5).clamp(0.0, 1.0);
+                reflectance += cover * (single(mark.reflectance) - reflectance);
+            }
+            let away = tilted + sample.slope * outward.dot(&part.shading.toward_lamp);
+            let lamp = (1.0 - away) * sample.flattening * tilt_flattening;
+            value += top * (reflectance * part.shading.lit_by(lamp) * part.white - value);
+            if let Some(screen) = &part.screen {
+                value = behind + self.unscreened(screen, place) * (value - behind);
+            }
+            pixels[index] = grey_level(value);
+        });
     }
+}
+
+/// The whole numbers from `low` to `high` within 0..`size`.
+fn within(low: f32, high: f32, size: u32) -> Range<usize> {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a float cast saturates"
+    )]
+    let (low, high) = (low.ceil() as usize, (high.floor() + 1.0) as usize);
+    low..high.min(size as usize)
 }

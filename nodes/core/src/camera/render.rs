@@ -121,3 +121,289 @@ impl Renderer {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use image::GrayImage;
+    use nalgebra::{Point2, Point3, Vector2};
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64Mcg;
+
+    use super::super::{CameraPose, CameraSpec, Distortion, FaceMark};
+    use super::*;
+    use crate::tray::TrayGeometry;
+
+    fn scene(noise_sigma_levels: f64) -> Scene {
+        Scene {
+            camera: CameraModel::new(CameraSpec {
+                width_px: 640,
+                height_px: 480,
+                focal_length_px: None,
+                platen_m_per_px: Some(0.000_45),
+                principal_point_px: None,
+                distortion: Distortion {
+                    k1: -0.08,
+                    k2: 0.02,
+                    ..Distortion::default()
+                },
+                pose: CameraPose {
+                    x_m: 0.3,
+                    y_m: 0.3,
+                    height_m: 0.6,
+                    yaw_rad: 0.0,
+                },
+            })
+            .unwrap(),
+            tray: MountedTray::new(TrayGeometry::PAPER),
+            tray_appearance: TrayAppearance::default(),
+            part: PartAppearance::grommet(0.010, 0.003),
+            light: LightModel::default(),
+            sensor: SensorModel { noise_sigma_levels },
+        }
+    }
+
+    fn part(radius_m: f64, psi_rad: f64, pose: usize) -> PartView {
+        let z_m = TrayGeometry::PAPER.height_m(psi_rad);
+        PartView {
+            x_m: radius_m * psi_rad.cos(),
+            y_m: radius_m * psi_rad.sin(),
+            z_m,
+            yaw_rad: 0.0,
+            pose,
+        }
+    }
+
+    fn picture(scene: &Scene, platen_from_tray: &Isometry2<f64>, parts: &[PartView]) -> GrayImage {
+        let mut image = GrayImage::default();
+        let renderer = Renderer::new(scene).unwrap();
+        renderer
+            .render(
+                platen_from_tray,
+                parts,
+                &mut Pcg64Mcg::seed_from_u64(1),
+                &mut image,
+            )
+            .unwrap();
+        image
+    }
+
+    /// Mean grey level over the 3x3 pixels where a point of the tray frame is seen.
+    fn level(
+        scene: &Scene,
+        image: &GrayImage,
+        platen_from_tray: &Isometry2<f64>,
+        point: Point3<f64>,
+    ) -> f64 {
+        let on_platen = platen_from_tray * point.xy();
+        let above_platen_m = scene.tray.floor_height_m + point.z;
+        let pixel = scene
+            .camera
+            .project(Point3::new(on_platen.x, on_platen.y, above_platen_m))
+            .unwrap();
+        let mut sum = 0.0;
+        for (dx, dy) in (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (dx, dy))) {
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "within the image"
+            )]
+            let (x, y) = (
+                (pixel.x.round() as i32 + dx) as u32,
+                (pixel.y.round() as i32 + dy) as u32,
+            );
+            sum += f64::from(image.get_pixel(x, y).0[0]) / 9.0;
+        }
+        sum
+    }
+
+    #[test]
+    fn the_same_inputs_give_the_same_bytes_and_another_seed_other_noise() {
+        let renderer = Renderer::new(&scene(2.0)).unwrap();
+        let pose = Isometry2::new(Vector2::new(0.3, 0.3), 0.01);
+        let parts: Vec<PartView> = (0..30).map(|i| part(0.07, f64::from(i) * 0.2, 0)).collect();
+        let shoot = |seed| {
+            let mut image = GrayImage::default();
+            renderer
+                .render(
+                    &pose,
+                    &parts,
+                    &mut Pcg64Mcg::seed_from_u64(seed),
+                    &mut image,
+                )
+                .unwrap();
+            image
+        };
+        assert_eq!(shoot(5), shoot(5));
+        assert_ne!(shoot(5), shoot(6));
+    }
+
+    #[test]
+    fn parts_appear_where_the_calibration_says_on_ramp_and_plateau() {
+        let scene = scene(0.0);
+        let pose = Isometry2::new(Vector2::new(0.308, 0.294), -0.02);
+        for (radius_m, psi_rad) in [
+            (0.05, 0.6),
+            (0.08, 1.5),
+            (0.07, 3.5),
+            (0.045, 4.7),
+            (0.084, 5.9),
+        ] {
+            let holed = part(radius_m, psi_rad, 0);
+            let image = picture(&scene, &pose, &[holed]);
+            let empty = picture(&scene, &pose, &[]);
+            let top_m = holed.z_m + 0.003;
+            let centre = Point3::new(holed.x_m, holed.y_m, top_m);
+            let rim = |dx: f64| centre + nalgebra::Vector3::new(dx, 0.0, 0.0);
+            let hole = level(&scene, &image, &pose, centre);
+            let face = level(&scene, &image, &pose, rim(0.003_2));
+            let floor = level(&scene, &empty, &pose, centre);
+            assert!(
+                hole + 50.0 < face && face + 20.0 < floor,
+                "{hole} {face} {floor} at ψ = {psi_rad}"
+            );
+            let beside = rim(-0.009);
+            let change =
+                level(&scene, &image, &pose, beside) - level(&scene, &empty, &pose, beside);
+            assert!(change.abs() < 2.0, "{change}");
+        }
+    }
+
+    #[test]
+    fn faces_differ_in_structure_but_hardly_in_brightness() {
+        let scene = scene(0.0);
+        let pose = Isometry2::new(Vector2::new(0.3, 0.3), 0.0);
+        let mean = |face: usize| {
+            let view = part(0.06, 4.5, face);
+            let image = picture(&scene, &pose, &[view]);
+            let (mut sum, mut count) = (0.0, 0.0);
+            for (dx, dy) in (-9..=9).flat_map(|dx| (-9..=9).map(move |dy| (dx, dy))) {
+                let offset = Vector2::new(f64::from(dx), f64::from(dy)) * 0.000_5;
+                if offset.norm() < 0.004_7 {
+                    let place =
+                        Point3::new(view.x_m + offset.x, view.y_m + offset.y, view.z_m + 0.003);
+                    sum += level(&scene, &image, &pose, place);
+                    count += 1.0;
+                }
+            }
+            sum / count
+        };
+        let (upper, lower) = (mean(0), mean(1));
+        assert!((upper - lower).abs() < 0.06 * upper, "{upper} {lower}");
+    }
+
+    #[test]
+    fn the_hub_and_the_plateau_hide_what_lies_behind() {
+        let scene = scene(0.0);
+        // Far from under the camera, lines of sight are slanted enough.
+        let pose = Isometry2::new(Vector2::new(0.36, 0.3), 0.0);
+        let empty = picture(&scene, &pose, &[]);
+        let inside_hub = Point3::new(0.027, 0.0, scene.tray.geometry.rise_m + scene.tray.lip_m);
+        let behind = PartView {
+            z_m: 0.0,
+            ..part(0.033, 0.05, 0)
+        };
+        let image = picture(&scene, &pose, &[behind]);
+        let change =
+            level(&scene, &image, &pose, inside_hub) - level(&scene, &empty, &pose, inside_hub);
+        assert!(change.abs() < 1e-9, "{change}");
+        assert_ne!(image, empty);
+    }
+
+    #[test]
+    fn the_drop_off_shows_as_an_edge_and_the_ramp_is_shaded() {
+        let scene = scene(0.0);
+        let pose = Isometry2::new(Vector2::new(0.3, 0.3), 0.0);
+        let image = picture(&scene, &pose, &[]);
+        let at = |psi_rad: f64| {
+            let z_m = scene.tray.geometry.height_m(psi_rad);
+            level(
+                &scene,
+                &image,
+                &pose,
+                Point3::new(0.06 * psi_rad.cos(), 0.06 * psi_rad.sin(), z_m),
+            )
+        };
+        let (plateau, foot) = (at(std::f64::consts::TAU - 0.05), at(0.08));
+        assert!(
+            plateau > 1.2 * foot,
+            "plateau {plateau}, foot of the ramp {foot}"
+        );
+        // At ψ = 90° the ramp leans towards x: a lamp standing there makes it brighter than one opposite, the plateau not.
+        let lit_from = |azimuth_rad: f64, psi_rad: f64| {
+            let mut scene = scene.clone();
+            scene.light.azimuth_rad = azimuth_rad;
+            let image = picture(&scene, &pose, &[]);
+            let z_m = scene.tray.geometry.height_m(psi_rad);
+            let place = Point3::new(0.06 * psi_rad.cos(), 0.06 * psi_rad.sin(), z_m);
+            level(&scene, &image, &pose, place)
+        };
+        let change =
+            |psi_rad: f64| lit_from(0.0, psi_rad) - lit_from(std::f64::consts::PI, psi_rad);
+        assert!(change(std::f64::consts::FRAC_PI_2) > 3.0);
+        assert!(change(-std::f64::consts::FRAC_PI_2).abs() < 1.0);
+    }
+
+    #[test]
+    fn a_mark_turns_with_the_part() {
+        let mut scene = scene(0.0);
+        scene.part.faces[0].mark = Some(FaceMark {
+            offset_ratio: 0.65,
+            radius_ratio: 0.18,
+            reflectance: 0.9,
+        });
+        let pose = Isometry2::new(Vector2::new(0.3, 0.3), 0.3);
+        let view = PartView {
+            yaw_rad: 1.1,
+            ..part(0.06, 4.5, 0)
+        };
+        let image = picture(&scene, &pose, &[view]);
+        let at = |yaw_rad: f64| {
+            let offset = Point2::new(yaw_rad.cos(), yaw_rad.sin()) * (0.65 * 0.005);
+            let place = Point3::new(view.x_m + offset.x, view.y_m + offset.y, view.z_m + 0.003);
+            level(&scene, &image, &pose, place)
+        };
+        assert!(at(1.1) > at(1.1 + 1.5) + 50.0);
+    }
+
+    #[test]
+    fn bad_scenes_and_parts_are_refused_by_name() {
+        let mut low = scene(2.0);
+        low.tray.floor_height_m = 0.4;
+        assert_eq!(
+            Renderer::new(&low).unwrap_err().field,
+            "camera.pose.height_m"
+        );
+        let mut noisy = scene(f64::NAN);
+        assert_eq!(
+            Renderer::new(&noisy).unwrap_err().field,
+            "sensor.noise_sigma_levels"
+        );
+        noisy.sensor.noise_sigma_levels = 2.0;
+        noisy.part.faces.clear();
+        assert_eq!(Renderer::new(&noisy).unwrap_err().field, "part.faces");
+        let renderer = Renderer::new(&scene(2.0)).unwrap();
+        let shoot = |view: PartView| {
+            let mut image = GrayImage::default();
+            let pose = Isometry2::new(Vector2::new(0.3, 0.3), 0.0);
+            renderer.render(&pose, &[view], &mut Pcg64Mcg::seed_from_u64(1), &mut image)
+        };
+        assert_eq!(shoot(part(0.06, 4.0, 2)).unwrap_err().field, "part.pose");
+        assert_eq!(
+            shoot(PartView {
+                x_m: f64::NAN,
+                ..part(0.06, 4.0, 0)
+            })
+            .unwrap_err()
+            .field,
+            "part.x_m"
+        );
+        // Out of view is no error.
+        assert_eq!(
+            shoot(PartView {
+                x_m: 3.0,
+                ..part(0.06, 4.0, 0)
+            }),
+            Ok(())
+        );
+    }
+}

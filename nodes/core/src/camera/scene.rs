@@ -146,8 +146,8 @@ impl Default for TrayAppearance {
             surface_reflectance: 0.70,
             wall_reflectance: 0.62,
             rim_reflectance: 0.80,
-            platen_reflectance: 0.20,
-            tooth_reflectance: 0.34,
+            platen_reflectance: 0.21,
+            tooth_reflectance: 0.30,
             tooth_pitch_m: 0.001_016,
             mottling_ratio: 0.012,
         }

@@ -1,18 +1,24 @@
 //! Discs of known size, also where they touch: edges vote for centres, then each disc's rim is measured.
 
-use nalgebra::{Matrix3, Point2, Vector2, Vector3};
+use std::sync::LazyLock;
+
+use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
 
 use super::segment::{LEVELS, Segmentation};
 use super::view::View;
 
-/// Gradient, in grey levels per pixel of the smoothed image, of an edge that may vote.
-const EDGE_LEVELS: f32 = 5.0;
 /// Share of a disc's rim that must vote for its centre to be looked at.
 const VOTES_RATIO_MIN: f32 = 0.22;
 /// Discs do not overlap: no second centre within this many radii. Less than 2 allows for errors of votes.
 const SEPARATION_RADII: f32 = 1.5;
 /// Lines of sight from a centre to the rim.
 const SPOKES: usize = 40;
+static SPOKE_DIRECTIONS: LazyLock<[Vector2<f64>; SPOKES]> = LazyLock::new(|| {
+    std::array::from_fn(|spoke| {
+        let (sin, cos) = (std::f64::consts::TAU * spoke as f64 / SPOKES as f64).sin_cos();
+        Vector2::new(cos, sin)
+    })
+});
 /// Steps along a spoke, px, and how far the rim may be from where it is expected, px and relative.
 const SPOKE_STEP_PX: f64 = 0.5;
 const RIM_MISS_PX: f64 = 2.0;
@@ -74,7 +80,7 @@ impl Votes {
         self.counts.clear();
         self.counts.resize(width * height, 0);
         self.sums.resize(width * height, 0);
-        let limit = 2.0 * EDGE_LEVELS * LEVELS;
+        let limit = 2.0 * frame.edge_levels * LEVELS;
         let pixels = &frame.smooth;
         for row in 1..height.saturating_sub(1) {
             let line = row * width;
@@ -108,19 +114,17 @@ impl Votes {
                 let reach = radius_px / (dx * dx + dy * dy).sqrt();
                 let (x, y) = ((index - line) as f32, row as f32);
                 for reach in [reach, -reach] {
-                    #[expect(
-                        clippy::cast_possible_truncation,
-                        reason = "within a radius of the image"
-                    )]
-                    let (column, row) = (
-                        (x + reach * dx + 0.5).floor() as i32,
-                        (y + reach * dy + 0.5).floor() as i32,
-                    );
-                    if let (Ok(column), Ok(row)) = (usize::try_from(column), usize::try_from(row))
-                        && column < width
-                        && row < height
-                    {
-                        self.counts[row * width + column] += 1;
+                    let (x, y) = (x + reach * dx + 0.5, y + reach * dy + 0.5);
+                    if x >= 0.0 && y >= 0.0 {
+                        #[expect(
+                            clippy::cast_possible_truncation,
+                            clippy::cast_sign_loss,
+                            reason = "not negative, and a float cast saturates"
+                        )]
+                        let (column, row) = (x as usize, y as usize);
+                        if column < width && row < height {
+                            self.counts[row * width + column] += 1;
+                        }
                     }
                 }
             }
@@ -199,13 +203,7 @@ pub(super) fn measure(
         let pixel = view.pixel(disc.centre, height_m)?;
         let px_from_tray = view.px_from_tray(disc.centre, height_m)?;
         let m_per_px = 1.0 / px_from_tray.determinant().abs().sqrt();
-        let rim = rim_points(
-            frame,
-            pixel,
-            |direction| px_from_tray * direction,
-            disc.radius_m,
-            m_per_px,
-        );
+        let rim = rim_points(frame, pixel, px_from_tray, disc.radius_m, m_per_px);
         let (shift, growth, support) = fit_rim(&rim, m_per_px, radius_m - disc.radius_m);
         disc = Disc {
             centre: disc.centre + shift,
@@ -220,7 +218,7 @@ pub(super) fn measure(
 fn rim_points(
     frame: &Segmentation,
     pixel: Point2<f64>,
-    px_from_tray: impl Fn(Vector2<f64>) -> Vector2<f64>,
+    px_from_tray: Matrix2<f64>,
     radius_m: f64,
     m_per_px: f64,
 ) -> Vec<(Vector2<f64>, f64)> {
@@ -235,10 +233,8 @@ fn rim_points(
     let half = ((miss_m / step_m).ceil() as usize + 1).min(SAMPLES_MAX / 2 - 1);
     let count = 2 * half + 1;
     let mut rim = Vec::with_capacity(SPOKES);
-    for spoke in 0..SPOKES {
-        let (sin, cos) = (std::f64::consts::TAU * spoke as f64 / SPOKES as f64).sin_cos();
-        let direction = Vector2::new(cos, sin);
-        let px_per_m = px_from_tray(direction);
+    for direction in &*SPOKE_DIRECTIONS {
+        let px_per_m = px_from_tray * direction;
         let mut levels = [0.0_f32; SAMPLES_MAX];
         let complete = levels[..count]
             .iter_mut()
@@ -263,7 +259,7 @@ fn rim_points(
         let best = (1..count - 1)
             .rev()
             .max_by(|a, b| slope(*a).total_cmp(&slope(*b)));
-        let Some(best) = best.filter(|best| slope(*best) >= f64::from(EDGE_LEVELS)) else {
+        let Some(best) = best.filter(|best| slope(*best) >= f64::from(frame.edge_levels)) else {
             continue;
         };
         let peak = if best > 1 && best + 2 < count {
@@ -277,7 +273,7 @@ fn rim_points(
         } else {
             0.0
         };
-        rim.push((direction, (best as f64 - half as f64 + peak) * step_m));
+        rim.push((*direction, (best as f64 - half as f64 + peak) * step_m));
     }
     rim
 }

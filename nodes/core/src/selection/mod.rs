@@ -7,6 +7,7 @@
 
 mod blobs;
 mod circles;
+mod config;
 mod overlay;
 mod part_model;
 mod segment;
@@ -15,7 +16,6 @@ mod view;
 
 use image::GrayImage;
 use nalgebra::{Isometry2, Point2};
-use serde::{Deserialize, Serialize};
 
 use crate::camera::{CameraModel, InvalidValue, MountedTray, require};
 use circles::{Disc, Votes};
@@ -23,6 +23,7 @@ use segment::{Background, Segmentation};
 use track::Tracker;
 use view::{RayTable, View};
 
+pub use config::SelectorConfig;
 pub use overlay::draw_overlay;
 pub use part_model::{PartModel, PoseTemplate, TeachError, TeachFrame, TeachSpec, teach};
 pub use track::{TrackedCandidate, TrackerConfig};
@@ -30,86 +31,18 @@ pub use track::{TrackedCandidate, TrackerConfig};
 /// Where between foot (0) and upper face (1) the measured rim of a part lies: the lower edge shows on the side towards the
 /// camera, the upper edge on the far side.
 const RIM_HEIGHT_RATIO: f64 = 0.5;
-/// Reach of a part's own shadow and side beyond its rim, in radii: what is seen there is no obstacle of its own.
-const HALO_RATIO: f64 = 0.35;
+/// Mean square change of brightness from ring to ring at which a face tells its centre about half as well as a rim.
+const FACE_SHARPNESS: f64 = 1e-3;
+/// Reach of a part's own side and shadow beyond its rim, in radii and in its height: what is seen there is no obstacle of
+/// its own.
+const HALO_RADII: f64 = 0.2;
+const HALO_HEIGHTS: f64 = 0.3;
 /// Strip along the plateau's edges, px, where the walls' shade may pass for an obstacle and is not taken for one.
 const EDGE_STRIP_PX: f64 = 4.0;
 /// How far into a wall a part that touches it may be measured, px.
 const WALL_MISS_PX: f64 = 1.5;
 /// Smallest thing that counts as an obstacle, px.
 const BLOB_PX_MIN: usize = 9;
-
-/// What the selector is asked for and how sure it must be.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SelectorConfig {
-    /// Resting poses in which a part is right.
-    pub wanted_poses: Vec<usize>,
-    /// Confidence over frames from which a part may be selected, 0 to 1.
-    pub confidence_min: f64,
-    /// Free gap the gripper needs round a part to the next thing on the plateau, m.
-    pub part_clearance_m: f64,
-    /// Free gap the gripper needs between a part and the walls, m; below 0 parts at the wall are welcome.
-    pub wall_clearance_m: f64,
-    /// Grey levels by which something must differ from the plateau to be seen.
-    pub contrast_min_levels: f64,
-    /// Share of a part's rim that must be seen.
-    pub rim_support_min: f64,
-    /// Correlation with the taught face from which a face counts as recognised.
-    pub correlation_min: f64,
-    /// Lead in correlation over the second-best face.
-    pub correlation_lead_min: f64,
-    /// Following parts from frame to frame.
-    pub tracker: TrackerConfig,
-}
-
-impl Default for SelectorConfig {
-    fn default() -> Self {
-        Self {
-            wanted_poses: vec![0],
-            confidence_min: 0.6,
-            part_clearance_m: 0.001,
-            wall_clearance_m: -0.001,
-            contrast_min_levels: 10.0,
-            rim_support_min: 0.55,
-            correlation_min: 0.75,
-            correlation_lead_min: 0.25,
-            tracker: TrackerConfig::default(),
-        }
-    }
-}
-
-impl SelectorConfig {
-    /// Checks every number.
-    ///
-    /// # Errors
-    ///
-    /// [`InvalidValue`] naming the field out of range.
-    pub fn validate(&self) -> Result<(), InvalidValue> {
-        for (field, value) in [
-            ("selector.confidence_min", self.confidence_min),
-            ("selector.rim_support_min", self.rim_support_min),
-            ("selector.correlation_min", self.correlation_min),
-            ("selector.correlation_lead_min", self.correlation_lead_min),
-        ] {
-            require((0.0..=1.0).contains(&value), field, value, "0 to 1")?;
-        }
-        for (field, value) in [
-            ("selector.part_clearance_m", self.part_clearance_m),
-            ("selector.wall_clearance_m", self.wall_clearance_m),
-        ] {
-            require((-0.1..=0.1).contains(&value), field, value, "-0.1 to 0.1 m")?;
-        }
-        let contrast = self.contrast_min_levels;
-        require(
-            (2.0..=128.0).contains(&contrast),
-            "selector.contrast_min_levels",
-            contrast,
-            "2 to 128",
-        )?;
-        self.tracker.validate()
-    }
-}
 
 /// Why a frame yields no candidates.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -143,8 +76,6 @@ pub struct Candidate {
     pub x_m: f64,
     /// Centre, y, m.
     pub y_m: f64,
-    /// Turn about the vertical, rad; `None` for a face without a mark to tell it by.
-    pub yaw_rad: Option<f64>,
     /// Diameter measured, m.
     pub diameter_m: f64,
     /// Resting pose; `None` if no taught face is recognised.
@@ -194,7 +125,7 @@ impl Detector {
         }
     }
 
-    /// Finds discs of about `diameter_m` and part height `height_m`; hands each to `judge` with what it takes to judge it.
+    /// Finds discs of about this size and measures their rims.
     fn discs(
         &mut self,
         image: &GrayImage,
@@ -244,6 +175,11 @@ impl PartSize {
     /// The plane above the platen in which rims are measured, m.
     fn rim_height_m(self, tray: &MountedTray) -> f64 {
         tray.plateau_height_m() + RIM_HEIGHT_RATIO * self.height_m
+    }
+
+    /// The plane above the platen of upper faces, m.
+    fn face_height_m(self, tray: &MountedTray) -> f64 {
+        tray.plateau_height_m() + self.height_m
     }
 }
 
@@ -341,7 +277,7 @@ impl Selector {
             tray,
             platen_from_tray: *platen_from_tray,
         };
-        let height_m = size.rim_height_m(tray);
+        let (height_m, face_height_m) = (size.rim_height_m(tray), size.face_height_m(tray));
         let radius_m = self.model.diameter_m / 2.0;
         let mut candidates = Vec::new();
         for disc in discs {
@@ -351,13 +287,19 @@ impl Selector {
             if !sized || disc.support < self.config.rim_support_min {
                 continue;
             }
-            let Some(face) =
-                part_model::sample_face(segmentation, &background, &view, height_m, &disc)
-            else {
+            let Some(face) = part_model::sample_face(
+                segmentation,
+                &background,
+                &view,
+                face_height_m,
+                disc.centre,
+                radius_m,
+            ) else {
                 continue;
             };
             let (pose, confidence) = recognise(&self.model, &self.config, &face);
-            let centre_m = disc.centre.coords.norm();
+            let centre = disc.centre + (face.centre - disc.centre) * trust_in_face(&face, &disc);
+            let centre_m = centre.coords.norm();
             let geometry = &tray.geometry;
             let wall_gap_m = (geometry.outer_radius_m - centre_m)
                 .min(centre_m - geometry.inner_radius_m)
@@ -367,18 +309,23 @@ impl Selector {
                 continue;
             }
             candidates.push(Candidate {
-                x_m: disc.centre.x,
-                y_m: disc.centre.y,
-                yaw_rad: None,
+                x_m: centre.x,
+                y_m: centre.y,
                 diameter_m,
                 pose,
                 confidence: confidence * disc.support,
                 part_gap_m: f64::INFINITY,
                 wall_gap_m,
-                on_plateau: tray.inside_sector_m(disc.centre) >= radius_m,
+                on_plateau: tray.inside_sector_m(centre) >= radius_m,
             });
         }
-        measure_gaps(segmentation, &view, height_m, radius_m, &mut candidates);
+        let reach_m = radius_m + HALO_RADII * radius_m + HALO_HEIGHTS * size.height_m;
+        measure_gaps(
+            segmentation,
+            &view,
+            (height_m, radius_m, reach_m),
+            &mut candidates,
+        );
         Ok(candidates)
     }
 
@@ -395,6 +342,14 @@ impl Selector {
     }
 }
 
+/// How far to follow the face's centre rather than the rim's, 0 to 1. The rim errs towards shadows and where neighbours
+/// hide it, the face, if it has structure, towards the lamp; both err less together.
+fn trust_in_face(face: &part_model::Face, disc: &Disc) -> f64 {
+    let of_face = face.sharpness / (face.sharpness + FACE_SHARPNESS);
+    let of_rim = (2.0 * disc.support - 1.0).max(0.1);
+    of_face / (of_face + of_rim)
+}
+
 /// The pose whose taught face this is, and how sure that is.
 fn recognise(
     model: &PartModel,
@@ -403,7 +358,7 @@ fn recognise(
 ) -> (Option<usize>, f64) {
     let (mut best, mut best_correlation, mut second_correlation) = (None, -1.0, -1.0);
     for (pose, template) in model.poses.iter().enumerate() {
-        let correlation = template.correlation(face);
+        let correlation = template.correlation(&face.rings);
         if correlation > best_correlation {
             (best, second_correlation, best_correlation) =
                 (Some(pose), best_correlation, correlation);
@@ -439,22 +394,17 @@ fn require_above(camera: &CameraModel, tray: &MountedTray) -> Result<(), Invalid
     )
 }
 
-/// Free gaps between candidates, all discs of `radius_m`, and to whatever else stands out from the plateau.
+/// Free gaps between candidates, all discs of `radius_m` whose shadows end at `reach_m`, and to whatever else stands out
+/// from the plateau.
 fn measure_gaps(
     frame: &mut Segmentation,
     view: &View,
-    height_m: f64,
-    radius_m: f64,
+    (height_m, radius_m, reach_m): (f64, f64, f64),
     candidates: &mut [Candidate],
 ) {
     // What the candidates and their shadows do not explain are obstacles.
     for candidate in &*candidates {
-        frame.clear_disc(
-            view,
-            height_m,
-            candidate.centre(),
-            radius_m * (1.0 + HALO_RATIO),
-        );
+        frame.clear_disc(view, height_m, candidate.centre(), reach_m);
     }
     let obstacles = frame.foreground_points(view, height_m, EDGE_STRIP_PX);
     let centres: Vec<Point2<f64>> = candidates.iter().map(Candidate::centre).collect();
@@ -471,3 +421,6 @@ fn measure_gaps(
         candidate.part_gap_m = to_parts.chain(to_obstacles).fold(f64::INFINITY, f64::min);
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,7 +1,9 @@
 //! What a part looks like from above in each resting pose, taught from pictures.
 
+use std::sync::LazyLock;
+
 use image::GrayImage;
-use nalgebra::{Isometry2, Vector2};
+use nalgebra::{Isometry2, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::circles::Disc;
@@ -13,6 +15,13 @@ use crate::camera::{CameraModel, InvalidValue, MountedTray, require, single};
 /// Rings a face is divided into, of equal width, and points on each.
 const RINGS: usize = 12;
 const RING_POINTS: usize = 24;
+/// Directions of a ring's points.
+static RING_DIRECTIONS: LazyLock<[Vector2<f32>; RING_POINTS]> = LazyLock::new(|| {
+    std::array::from_fn(|point| {
+        let (sin, cos) = (std::f32::consts::TAU * point as f32 / RING_POINTS as f32).sin_cos();
+        Vector2::new(cos, sin)
+    })
+});
 /// Share of the radius the rings cover: the rim itself belongs to the outline.
 const FACE_RATIO: f64 = 0.94;
 /// Share of the rim a part must show to be taught from.
@@ -28,7 +37,11 @@ const FACE_CORRELATION_MAX: f64 = 0.6;
 /// A face as a frame shows it: mean brightness of each ring relative to the bare plateau there.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Face {
-    rings: [f64; RINGS],
+    pub(super) rings: [f64; RINGS],
+    /// Its centre of symmetry, tray frame.
+    pub(super) centre: Point2<f64>,
+    /// Mean square change of brightness from ring to ring: how well the centre is known.
+    pub(super) sharpness: f64,
 }
 
 /// A taught face.
@@ -180,12 +193,17 @@ impl PartModel {
 }
 
 impl PoseTemplate {
-    /// Correlation of a face with this one, −1 to 1, rings weighted by their area: structure counts, brightness and
+    /// Correlation of a face's rings with this one's, −1 to 1, rings weighted by their area: structure counts, brightness and
     /// contrast as a whole do not.
-    pub(super) fn correlation(&self, face: &Face) -> f64 {
+    pub(super) fn correlation(&self, rings: &[f64]) -> f64 {
         let pairs = || {
             let weights = (0..RINGS).map(|ring| (2 * ring + 1) as f64 / (RINGS * RINGS) as f64);
-            weights.zip(self.ring_brightness.iter().copied().zip(face.rings))
+            weights.zip(
+                self.ring_brightness
+                    .iter()
+                    .copied()
+                    .zip(rings.iter().copied()),
+            )
         };
         let (mut mean_a, mut mean_b) = (0.0, 0.0);
         for (weight, (a, b)) in pairs() {
@@ -204,30 +222,70 @@ impl PoseTemplate {
     }
 }
 
-/// Samples the face of a disc; `None` if part of it is out of view.
+/// Samples the face of a disc of `radius_m` at about `centre`, on the plane `height_m` of its upper face; `None` if part
+/// of it is out of view.
 pub(super) fn sample_face(
     frame: &Segmentation,
     background: &Background,
     view: &View,
     height_m: f64,
-    disc: &Disc,
+    centre: Point2<f64>,
+    radius_m: f64,
 ) -> Option<Face> {
-    let pixel = view.pixel(disc.centre, height_m)?.map(single);
-    let px_from_tray = view.px_from_tray(disc.centre, height_m)?.map(single);
+    let pixel = view.pixel(centre, height_m)?.map(single);
+    let px_from_tray = view.px_from_tray(centre, height_m)?.map(single);
     let white = background.level(frame.window, pixel.x, pixel.y).max(1.0);
-    let ring_m = single(disc.radius_m * FACE_RATIO) / RINGS as f32;
-    let mut rings = [0.0; RINGS];
-    for (ring, mean) in rings.iter_mut().enumerate() {
-        let radius_m = (ring as f32 + 0.5) * ring_m;
-        let mut sum = 0.0;
-        for point in 0..RING_POINTS {
-            let (sin, cos) = (std::f32::consts::TAU * point as f32 / RING_POINTS as f32).sin_cos();
-            let place = pixel + px_from_tray * Vector2::new(radius_m * cos, radius_m * sin);
-            sum += frame.level(place.x, place.y)?;
+    let ring_m = radius_m * FACE_RATIO / RINGS as f64;
+    let mut face = Face {
+        rings: [0.0; RINGS],
+        centre,
+        sharpness: 0.0,
+    };
+    // The second look, from the centre found by the first, is the one that counts.
+    for _ in 0..2 {
+        let shift_px = px_from_tray * (face.centre - centre).map(single);
+        let mut harmonics = [Vector2::zeros(); RINGS];
+        for (ring, (mean, harmonic)) in face.rings.iter_mut().zip(&mut harmonics).enumerate() {
+            let radius_m = single((ring as f64 + 0.5) * ring_m);
+            let (mut sum, mut moment) = (0.0, Vector2::zeros());
+            for direction in &*RING_DIRECTIONS {
+                let place = pixel + shift_px + px_from_tray * direction * radius_m;
+                let level = frame.level(place.x, place.y)?;
+                sum += level;
+                moment += direction * level;
+            }
+            let scale = 1.0 / (RING_POINTS as f32 * white);
+            *mean = f64::from(sum * scale);
+            *harmonic = (moment * scale).map(f64::from);
         }
-        *mean = f64::from(sum / (RING_POINTS as f32 * white));
+        let (offset, sharpness) = symmetry_offset(&face.rings, &harmonics);
+        face.centre += offset * ring_m;
+        face.sharpness = sharpness;
     }
-    Some(Face { rings })
+    Some(face)
+}
+
+/// How far the centre of symmetry of a concentric face lies beside where it was sampled, in ring widths, and how sharply
+/// the face tells.
+///
+/// Displaced by a small s, a profile T(ρ) shows −T′(ρ) s·e(θ) at an angle θ, a first harmonic of −T′ s/2; least squares
+/// over the rings, weighted by their area, yields s.
+fn symmetry_offset(rings: &[f64; RINGS], harmonics: &[Vector2<f64>; RINGS]) -> (Vector2<f64>, f64) {
+    let (mut product, mut square) = (Vector2::zeros(), 0.0);
+    // The outermost rings are left out: chamfer and rim look different towards the lamp.
+    for ring in 1..RINGS - 2 {
+        let slope = (rings[ring + 1] - rings[ring - 1]) / 2.0;
+        let weight = (2 * ring + 1) as f64 / (RINGS * RINGS) as f64;
+        product += harmonics[ring] * (-2.0 * weight * slope);
+        square += weight * slope * slope;
+    }
+    let offset = if square > 0.0 {
+        product / square
+    } else {
+        Vector2::zeros()
+    };
+    // Linear only for a shift of about a ring.
+    (offset.cap_magnitude(1.0), square)
 }
 
 /// Learns a part from pictures of it lying free on the plateau, each pose in at least one picture.
@@ -277,7 +335,7 @@ pub fn teach(
             tray,
             platen_from_tray: frame.platen_from_tray,
         };
-        let height_m = size.rim_height_m(tray);
+        let height_m = size.face_height_m(tray);
         for disc in &discs {
             let near = |other: &&Disc| {
                 let apart_m = (other.centre - disc.centre).norm();
@@ -286,9 +344,14 @@ pub fn teach(
             if disc.support < TEACH_SUPPORT_MIN || discs.iter().any(|other| near(&other)) {
                 continue;
             }
-            if let Some(face) =
-                sample_face(&detector.segmentation, &background, &view, height_m, disc)
-            {
+            if let Some(face) = sample_face(
+                &detector.segmentation,
+                &background,
+                &view,
+                height_m,
+                disc.centre,
+                spec.diameter_m / 2.0,
+            ) {
                 faces[frame.pose].push(face);
                 diameters.push(2.0 * disc.radius_m);
             }
@@ -311,11 +374,7 @@ pub fn teach(
     }
     for second in 1..poses.len() {
         for first in 0..second {
-            let mut face = Face {
-                rings: [0.0; RINGS],
-            };
-            face.rings.copy_from_slice(&poses[second].ring_brightness);
-            let correlation = poses[first].correlation(&face);
+            let correlation = poses[first].correlation(&poses[second].ring_brightness);
             if correlation > FACE_CORRELATION_MAX {
                 return Err(TeachError::Alike {
                     first,

@@ -21,6 +21,10 @@ const BACKGROUND_RATIO_MIN: f64 = 0.15;
 const CLIPPED_RATIO_MAX: f64 = 0.5;
 /// Foreground differs from background by more than this many standard deviations of the background.
 const SIGMAS: f32 = 5.0;
+/// Gradient of an edge, in grey levels per pixel of the smoothed image: at least, and in standard deviations of the
+/// background.
+const EDGE_LEVELS_MIN: f32 = 5.0;
+const EDGE_SIGMAS: f32 = 2.2;
 /// Bins across the plateau's width for what the walls do to the light.
 const RADIAL_BINS: usize = 200;
 
@@ -43,6 +47,8 @@ pub(super) struct Segmentation {
     pub smooth: Vec<i16>,
     /// Radial bin of each pixel, 0 off the plateau.
     pub bins: Vec<u8>,
+    /// Gradient from which an edge is more than noise, grey levels per pixel.
+    pub edge_levels: f32,
     /// 1 where something lies on the plateau.
     pub foreground: Vec<u8>,
     blobs: Blobs,
@@ -70,6 +76,7 @@ impl Segmentation {
         }
         smooth(image, window, &mut self.smooth);
         let background = self.fit_background()?;
+        self.edge_levels = EDGE_LEVELS_MIN.max(EDGE_SIGMAS * background.sigma);
         let threshold = single(contrast_min_levels).max(SIGMAS * background.sigma);
         for row in 0..window.height {
             let range = row * window.width..(row + 1) * window.width;

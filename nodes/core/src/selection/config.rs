@@ -1,0 +1,78 @@
+//! What a scenario says about the selector.
+
+use serde::{Deserialize, Serialize};
+
+use super::TrackerConfig;
+use crate::camera::{InvalidValue, require};
+
+/// What the selector is asked for and how sure it must be.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SelectorConfig {
+    /// Resting poses in which a part is right.
+    pub wanted_poses: Vec<usize>,
+    /// Confidence over frames from which a part may be selected, 0 to 1.
+    pub confidence_min: f64,
+    /// Free gap the gripper needs round a part to the next thing on the plateau, m.
+    pub part_clearance_m: f64,
+    /// Free gap the gripper needs between a part and the walls, m; below 0 parts at the wall are welcome.
+    pub wall_clearance_m: f64,
+    /// Grey levels by which something must differ from the plateau to be seen.
+    pub contrast_min_levels: f64,
+    /// Share of a part's rim that must be seen.
+    pub rim_support_min: f64,
+    /// Correlation with the taught face from which a face counts as recognised.
+    pub correlation_min: f64,
+    /// Lead in correlation over the second-best face.
+    pub correlation_lead_min: f64,
+    /// Following parts from frame to frame.
+    pub tracker: TrackerConfig,
+}
+
+impl Default for SelectorConfig {
+    fn default() -> Self {
+        Self {
+            wanted_poses: vec![0],
+            confidence_min: 0.6,
+            part_clearance_m: 0.001,
+            wall_clearance_m: -0.001,
+            contrast_min_levels: 10.0,
+            rim_support_min: 0.55,
+            correlation_min: 0.75,
+            correlation_lead_min: 0.25,
+            tracker: TrackerConfig::default(),
+        }
+    }
+}
+
+impl SelectorConfig {
+    /// Checks every number.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidValue`] naming the field out of range.
+    pub fn validate(&self) -> Result<(), InvalidValue> {
+        for (field, value) in [
+            ("selector.confidence_min", self.confidence_min),
+            ("selector.rim_support_min", self.rim_support_min),
+            ("selector.correlation_min", self.correlation_min),
+            ("selector.correlation_lead_min", self.correlation_lead_min),
+        ] {
+            require((0.0..=1.0).contains(&value), field, value, "0 to 1")?;
+        }
+        for (field, value) in [
+            ("selector.part_clearance_m", self.part_clearance_m),
+            ("selector.wall_clearance_m", self.wall_clearance_m),
+        ] {
+            require((-0.1..=0.1).contains(&value), field, value, "-0.1 to 0.1 m")?;
+        }
+        let contrast = self.contrast_min_levels;
+        require(
+            (2.0..=128.0).contains(&contrast),
+            "selector.contrast_min_levels",
+            contrast,
+            "2 to 128",
+        )?;
+        self.tracker.validate()
+    }
+}
