@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::control::ControlParameters;
+use super::learning::LearningParameters;
 use super::limits::{CourierLimits, Load, check_range};
 use super::plant::PlantParameters;
 use super::vibrator::Vibrator;
@@ -17,6 +18,8 @@ pub struct CourierConfig {
     pub limits: CourierLimits,
     /// The servo loop.
     pub control: ControlParameters,
+    /// The learning of waveforms.
+    pub learning: LearningParameters,
     /// The simulated motor.
     pub plant: PlantParameters,
     /// What the tray carries.
@@ -44,6 +47,7 @@ impl Default for CourierConfig {
         Self {
             limits: CourierLimits::default(),
             control: ControlParameters::default(),
+            learning: LearningParameters::default(),
             plant: PlantParameters::default(),
             load: Load::default(),
             servo_period_s: 0.5e-3,
@@ -66,6 +70,7 @@ impl CourierConfig {
     pub fn validate(&self) -> Result<(), OutOfRange> {
         self.limits.validate()?;
         self.control.validate()?;
+        self.learning.validate()?;
         self.plant.validate()?;
         self.load.validate()?;
         check_range("servo_period_s", self.servo_period_s, 1e-4, 5e-3)?;

@@ -4,7 +4,8 @@ use nalgebra::Vector3;
 
 use super::config::CourierConfig;
 use super::control::{Controller, SetPoint};
-use super::limits::Extent;
+use super::learning::Learner;
+use super::limits::{Extent, Load};
 use super::path::{Check, Path};
 use super::plant::{Plant, SimulatedPlant, Wrench};
 use super::rejection::Rejection;
@@ -30,6 +31,7 @@ pub struct CourierDriver<P = SimulatedPlant> {
     config: CourierConfig,
     plant: P,
     controller: Controller,
+    learner: Learner,
     tick: u64,
     /// Where the courier rests when no path is followed.
     hold: Vector3<f64>,
@@ -65,14 +67,17 @@ impl<P: Plant> CourierDriver<P> {
     pub fn with_plant(config: CourierConfig, plant: P) -> Result<Self, OutOfRange> {
         config.validate()?;
         let mass = config.limits.moved(&config.load);
+        let (control, learning, period_s) = (config.control, config.learning, config.servo_period_s);
+        let cutoff_hz = learning.enabled.then_some(learning.cutoff_hz);
         Ok(Self {
-            controller: Controller::new(&config.control, mass, config.servo_period_s)?,
+            controller: Controller::new(&control, mass, period_s)?,
+            learner: Learner::new(learning, control, mass, period_s)?,
             config,
             plant,
             tick: 0,
             hold: config.start,
             path: None,
-            vibrator: Vibrator::new(config.servo_period_s),
+            vibrator: Vibrator::new(period_s, cutoff_hz),
             present: State { position: config.start, ..State::default() },
             nominal_acceleration: Vector3::zeros(),
             goal: None,
@@ -85,6 +90,27 @@ impl<P: Plant> CourierDriver<P> {
     /// The plant, to set its load or to inject faults.
     pub fn plant_mut(&mut self) -> &mut P {
         &mut self.plant
+    }
+
+    /// Takes another load into account.
+    ///
+    /// # Errors
+    /// A value out of its range, or a load under which what is wanted now would leave the envelope.
+    pub fn set_load(&mut self, load: Load) -> Result<(), Rejection> {
+        load.validate()?;
+        let check = Check { load: &load, ..self.check() };
+        match &self.path {
+            Some(path) => path.check(&check, self.tick, self.nominal_acceleration)?,
+            None => {
+                let rest = Extent { position: self.hold, ..Extent::default() };
+                check.limits.check(&rest, &check.vibration, &load, 0.0)?;
+            }
+        }
+        let mass = self.config.limits.moved(&load);
+        self.config.load = load;
+        self.controller.set_mass(mass);
+        self.learner.set_mass(mass);
+        Ok(())
     }
 
     /// The waveform last accepted, and whether it is to run.
@@ -113,7 +139,7 @@ impl<P: Plant> CourierDriver<P> {
                 }
             }
         };
-        let prepared = Vibrator::prepare(waveform, self.config.fade_periods, check)?;
+        let prepared = self.vibrator.prepare(waveform, self.config.fade_periods, check)?;
         self.vibrator.set(prepared, enabled, self.tick);
         Ok(())
     }
@@ -229,7 +255,9 @@ impl<P: Plant> CourierDriver<P> {
         let wanted = if self.fault == Some(Fault::SensorLost) {
             Wrench::zeros()
         } else {
-            self.controller.command(&set_point, &measured)
+            let error = set_point.position - measured;
+            let learned = self.learner.force(self.vibrator.instant(self.tick), &error, self.path.is_some());
+            self.controller.command(&set_point, &measured) + learned
         };
         let wrench_max = self.config.limits.wrench_max();
         let command = wanted.sup(&-wrench_max).inf(&wrench_max);

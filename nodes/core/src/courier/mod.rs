@@ -13,17 +13,21 @@
 mod config;
 pub mod control;
 mod driver;
+mod fourier;
+mod learning;
 mod limits;
 mod path;
 pub mod plant;
 mod rejection;
 mod report;
+mod response;
 mod trajectory;
 mod vibration;
 mod vibrator;
 
 pub use config::CourierConfig;
 pub use driver::CourierDriver;
+pub use learning::LearningParameters;
 pub(crate) use limits::check_range;
 pub use limits::{AXES, CourierLimits, LimitViolation, Load};
 pub use rejection::Rejection;

@@ -2,6 +2,8 @@
 
 use nalgebra::Vector3;
 
+use super::fourier::Fourier;
+use super::learning::Instant;
 use super::limits::{Extent, check_range};
 use crate::range::OutOfRange;
 use crate::waveform::{Axis, AxisState, Waveform};
@@ -14,6 +16,10 @@ use crate::waveform::{Axis, AxisState, Waveform};
 #[derive(Clone, Debug)]
 pub(crate) struct Vibration {
     waveform: Waveform,
+    /// The band-limited motion, where that and not the exact one is to be followed.
+    fourier: Option<Fourier>,
+    /// Peaks of position, velocity and acceleration of the steady motion.
+    peaks: Vector3<f64>,
     axis: usize,
     fade_s: f64,
 }
@@ -23,8 +29,11 @@ impl Vibration {
     const RISE_RATE_PEAK: f64 = 1.875;
     const RISE_CURVATURE_PEAK: f64 = 5.773_502_691_896_258;
 
-    /// A vibration whose period lies between a few servo ticks and a slow shake.
-    pub(crate) fn new(waveform: Waveform, fade_periods: u32) -> Result<Self, OutOfRange> {
+    /// A vibration that fades within a period. Its motion is the exact one, or its harmonics up to `cutoff_hz`.
+    ///
+    /// # Errors
+    /// A period that is not between a few servo ticks and a slow shake.
+    pub(crate) fn new(waveform: Waveform, cutoff_hz: Option<f64>) -> Result<Self, OutOfRange> {
         let period_s = waveform.period_s();
         check_range("period of the waveform (s)", period_s, 0.005, 1.0)?;
         let axis = match waveform.axis() {
@@ -32,7 +41,27 @@ impl Vibration {
             Axis::Y => 1,
             Axis::Yaw => 2,
         };
-        Ok(Self { waveform, axis, fade_s: period_s * f64::from(fade_periods) })
+        let fourier = cutoff_hz.map(|cutoff_hz| Fourier::new(&waveform, cutoff_hz));
+        let exact = || Vector3::new(waveform.peak_position(), waveform.peak_speed(), waveform.peak_acceleration());
+        let peaks = fourier.as_ref().map_or_else(exact, Fourier::peaks);
+        Ok(Self { waveform, fourier, peaks, axis, fade_s: period_s })
+    }
+
+    pub(crate) fn set_fade_periods(&mut self, periods: u32) {
+        self.fade_s = self.waveform.period_s() * f64::from(periods);
+    }
+
+    /// What a learner of this vibration needs to know `elapsed_s` after it began at `start_tick`.
+    pub(crate) fn instant(&self, start_tick: u64, elapsed_s: f64, fade_out_s: f64) -> Option<Instant<'_>> {
+        self.fourier.as_ref().map(|fourier| Instant {
+            waveform: &self.waveform,
+            fundamental_rad_s: fourier.fundamental_rad_s(),
+            harmonics: fourier.len(),
+            start_tick,
+            elapsed_s,
+            scale: self.envelope(elapsed_s, fade_out_s).0,
+            steady: elapsed_s >= self.fade_s && elapsed_s < fade_out_s,
+        })
     }
 
     pub(crate) fn waveform(&self) -> &Waveform {
@@ -50,8 +79,7 @@ impl Vibration {
     pub(crate) fn extent(&self) -> Extent {
         let rate_per_s = Self::RISE_RATE_PEAK / self.fade_s;
         let curvature_per_s2 = Self::RISE_CURVATURE_PEAK / (self.fade_s * self.fade_s);
-        let (position, velocity) = (self.waveform.peak_position(), self.waveform.peak_speed());
-        let acceleration = self.waveform.peak_acceleration();
+        let [position, velocity, acceleration] = self.peaks.into();
         let mut extent = Extent::default();
         extent.position[self.axis] = position;
         extent.velocity[self.axis] = velocity + rate_per_s * position;
@@ -61,15 +89,26 @@ impl Vibration {
 
     /// Position and velocity `time_s` after the start, when fading out began, or will, at `fade_out_s`.
     pub(crate) fn at(&self, time_s: f64, fade_out_s: f64) -> (Vector3<f64>, Vector3<f64>) {
-        let AxisState { position, velocity, .. } = self.waveform.state_at(time_s);
-        let (rise, rise_per_s) = smoothstep(time_s, self.fade_s);
-        let (fall, fall_per_s) = smoothstep(time_s - fade_out_s, self.fade_s);
-        // Fading out begins only after fading in has ended, so one of the two rates is always zero.
-        let (scale, scale_per_s) = (rise - fall, rise_per_s - fall_per_s);
+        let (position, velocity) = match &self.fourier {
+            Some(fourier) => fourier.at(time_s),
+            None => {
+                let AxisState { position, velocity, .. } = self.waveform.state_at(time_s);
+                (position, velocity)
+            }
+        };
+        let (scale, scale_per_s) = self.envelope(time_s, fade_out_s);
         let mut result = (Vector3::zeros(), Vector3::zeros());
         result.0[self.axis] = scale * position;
         result.1[self.axis] = scale * velocity + scale_per_s * position;
         result
+    }
+
+    /// The envelope and its derivative, 1/s.
+    fn envelope(&self, time_s: f64, fade_out_s: f64) -> (f64, f64) {
+        let (rise, rise_per_s) = smoothstep(time_s, self.fade_s);
+        let (fall, fall_per_s) = smoothstep(time_s - fade_out_s, self.fade_s);
+        // Fading out begins only after fading in has ended, so one of the two rates is always zero.
+        (rise - fall, rise_per_s - fall_per_s)
     }
 }
 
@@ -85,9 +124,10 @@ mod tests {
 
     #[test]
     fn the_extent_bounds_the_motion_with_its_fades() {
-        for fade_periods in [1, 2, 5] {
+        for (fade_periods, cutoff_hz) in [(1, None), (2, None), (5, None), (1, Some(630.0)), (2, Some(90.0))] {
             let waveform = Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 17.658, 130.87).unwrap();
-            let vibration = Vibration::new(waveform, fade_periods).unwrap();
+            let mut vibration = Vibration::new(waveform, cutoff_hz).unwrap();
+            vibration.set_fade_periods(fade_periods);
             let extent = vibration.extent();
             let end_s = 2.0 * vibration.fade_s();
             let step_s = 1e-5;
@@ -108,6 +148,6 @@ mod tests {
     #[test]
     fn a_period_out_of_range_is_refused() {
         let slow = Waveform::stick_slip(Axis::X, 2.0, 1.0, 2.0).unwrap();
-        assert!(Vibration::new(slow, 1).is_err());
+        assert!(Vibration::new(slow, None).is_err());
     }
 }

@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use super::learning::Instant;
 use super::limits::{Extent, LimitViolation};
 use super::rejection::Rejection;
 use super::vibration::Vibration;
@@ -42,6 +43,8 @@ struct Wanted {
 #[derive(Clone, Debug)]
 pub(crate) struct Vibrator {
     period_s: f64,
+    /// Up to where vibrations follow their waveform's harmonics; nothing: they follow it exactly.
+    cutoff_hz: Option<f64>,
     running: Option<Running>,
     wanted: Option<Wanted>,
 }
@@ -50,19 +53,21 @@ impl Vibrator {
     /// A fade of so many periods adds next to nothing to the waveform's own acceleration.
     pub(crate) const FADE_PERIODS_MAX: u32 = 32;
 
-    pub(crate) fn new(period_s: f64) -> Self {
-        Self { period_s, running: None, wanted: None }
+    pub(crate) fn new(period_s: f64, cutoff_hz: Option<f64>) -> Self {
+        Self { period_s, cutoff_hz, running: None, wanted: None }
     }
 
     /// Makes a vibration of a waveform with the shortest fade, from `fade_periods` on, that passes `check`.
     pub(crate) fn prepare(
+        &self,
         waveform: &Waveform,
         fade_periods: u32,
         check: impl Fn(Extent) -> Result<(), LimitViolation>,
     ) -> Result<Vibration, Rejection> {
+        let mut vibration = Vibration::new(waveform.clone(), self.cutoff_hz)?;
         let mut fade_periods = fade_periods;
         loop {
-            let vibration = Vibration::new(waveform.clone(), fade_periods)?;
+            vibration.set_fade_periods(fade_periods);
             match check(vibration.extent()) {
                 Ok(()) => return Ok(vibration),
                 Err(violation) if fade_periods >= Self::FADE_PERIODS_MAX => {
@@ -142,6 +147,14 @@ impl Vibrator {
     pub(crate) fn at(&self, tick: u64) -> (Vector3<f64>, Vector3<f64>) {
         self.running.as_ref().map_or_else(Default::default, |running| {
             running.vibration.at(running.elapsed_s(tick, self.period_s), running.fade_out_s)
+        })
+    }
+
+    /// What the learner needs to know at a servo tick of a vibration that follows harmonics.
+    pub(crate) fn instant(&self, tick: u64) -> Option<Instant<'_>> {
+        self.running.as_ref().and_then(|running| {
+            let elapsed_s = running.elapsed_s(tick, self.period_s);
+            running.vibration.instant(running.start_tick, elapsed_s, running.fade_out_s)
         })
     }
 
