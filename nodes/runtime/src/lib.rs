@@ -5,6 +5,8 @@
 
 pub mod action;
 pub mod cdr;
+pub mod clock;
 pub mod dds;
+pub mod parameters;
 pub mod service;
 pub mod testing;
