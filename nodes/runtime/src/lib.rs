@@ -5,6 +5,7 @@
 
 pub mod action;
 pub mod cdr;
+pub mod clock;
 pub mod dds;
 pub mod digest;
 pub mod launch;
@@ -12,6 +13,7 @@ pub mod lockstep;
 pub mod node;
 mod program;
 mod public;
+pub mod parameters;
 pub mod service;
 pub mod testing;
 

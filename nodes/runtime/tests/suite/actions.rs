@@ -1,11 +1,9 @@
 //! Actions over real DDS.
 
-mod common;
-
 use std::sync::mpsc::{self, Receiver};
 use std::time::Duration;
 
-use common::{participant, wait_until};
+use crate::common::{participant, wait_until};
 use feeder_runtime::{
     action::{
         ActionClient, ActionServer, ActionUpdate, GoalEvent, GoalHandle, GoalId, GoalRequest,

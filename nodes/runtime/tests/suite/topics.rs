@@ -1,12 +1,10 @@
 //! Topics between two participants over real DDS.
 
-mod common;
-
 use std::sync::mpsc;
 use std::time::Duration;
 
+use crate::common::{participant, wait_until};
 use bytes::Bytes;
-use common::{participant, wait_until};
 use feeder_runtime::{
     cdr,
     dds::{DiscoveryRange, Domain, PublishError, Qos, Sample},

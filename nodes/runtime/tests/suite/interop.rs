@@ -1,14 +1,12 @@
 //! With Cyclone DDS on the same host. `INTEROP_PYTHON` names a Python that has the package `cyclonedds`.
 
-mod common;
-
 use std::{
     process::{Child, Command, Stdio},
     sync::mpsc,
     time::Duration,
 };
 
-use common::{participant, wait_until};
+use crate::common::{participant, wait_until};
 use feeder_runtime::{
     cdr,
     dds::{DiscoveryRange, Domain, Qos},

@@ -1,15 +1,13 @@
 //! Services over real DDS, between our own ends and with clients and servers of ros2-client, which
 //! speaks both wire forms.
 
-mod common;
-
 use std::collections::BTreeSet;
 use std::net::Ipv4Addr;
 use std::sync::mpsc;
 use std::time::Duration;
 
+use crate::common::{participant, wait_until};
 use bytes::Bytes;
-use common::{participant, wait_until};
 use feeder_runtime::{
     cdr,
     dds::{CallError, Client, Participant, Request, Server},

@@ -1,0 +1,227 @@
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use minifactory_msgs::{
+    Message,
+    rcl_interfaces::{
+        msg::{
+            Parameter, ParameterDescriptor, ParameterEvent, ParameterValue, SetParametersResult,
+        },
+        srv::{
+            DescribeParameters, DescribeParametersResponse, GetParameterTypes,
+            GetParameterTypesResponse, GetParameters, GetParametersResponse, ListParameters,
+            ListParametersResponse, SetParameters, SetParametersAtomically,
+            SetParametersAtomicallyResponse, SetParametersResponse,
+        },
+    },
+};
+
+use super::{Store, Value};
+use crate::{
+    clock::Clock,
+    dds::{DdsError, Outlet, Participant, Qos, Server, Writer},
+};
+
+/// What ROS 2 offers for `/parameter_events`.
+const EVENTS_QOS: Qos = Qos {
+    depth: 1_000,
+    ..Qos::command()
+};
+
+/// Asked about changes before they are made.
+type Accept = Box<dyn FnMut(&[(String, Value)]) -> Result<(), String> + Send>;
+
+/// A node's parameters on offer, until dropped.
+pub struct ParameterServer {
+    // Dropped in this order: nothing is set of which nobody could be told.
+    _services: [Server; 6],
+    _events: Writer,
+    shared: Arc<Shared>,
+}
+
+impl ParameterServer {
+    /// Offers the parameters of a participant's node. `accept` is asked about changes that the declarations
+    /// allow, before they are made, and may refuse them with a reason; it runs on the participant's
+    /// thread, or on that which calls [`set`](Self::set), must return soon (see [`crate::dds`]), and
+    /// must not use this server.
+    ///
+    /// # Errors
+    /// [`DdsError::Endpoint`] when the middleware refuses.
+    pub fn new(
+        participant: &Participant,
+        store: Store,
+        clock: Clock,
+        accept: impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static,
+    ) -> Result<Self, DdsError> {
+        let events = participant.writer(
+            "/parameter_events",
+            &ParameterEvent::INFO.dds_type(),
+            &EVENTS_QOS,
+        )?;
+        let node = participant.node().to_string();
+        let shared = Arc::new(Shared {
+            state: Mutex::new(State {
+                store,
+                accept: Box::new(accept),
+            }),
+            events: events.outlet(),
+            node: node.clone(),
+            clock,
+        });
+        let name = |service: &str| format!("{node}/{service}");
+        let services = [
+            participant.serve::<ListParameters>(&name("list_parameters"), {
+                let shared = shared.clone();
+                move |request| ListParametersResponse {
+                    result: shared.state().store.list(&request),
+                }
+            })?,
+            participant.serve::<GetParameters>(&name("get_parameters"), {
+                let shared = shared.clone();
+                move |request| {
+                    let state = shared.state();
+                    let value = |name: &String| {
+                        state
+                            .store
+                            .get(name)
+                            .map(Value::to_message)
+                            .unwrap_or_default()
+                    };
+                    GetParametersResponse {
+                        values: request.names.iter().map(value).collect(),
+                    }
+                }
+            })?,
+            participant.serve::<GetParameterTypes>(&name("get_parameter_types"), {
+                let shared = shared.clone();
+                move |request| {
+                    let state = shared.state();
+                    let kind =
+                        |name: &String| state.store.get(name).map_or(0, |value| value.kind() as u8);
+                    GetParameterTypesResponse {
+                        types: request.names.iter().map(kind).collect(),
+                    }
+                }
+            })?,
+            participant.serve::<DescribeParameters>(&name("describe_parameters"), {
+                let shared = shared.clone();
+                move |request| {
+                    let state = shared.state();
+                    let describe = |name: String| {
+                        let unknown = || ParameterDescriptor {
+                            name: name.clone(),
+                            ..Default::default()
+                        };
+                        state.store.descriptor(&name).unwrap_or_else(unknown)
+                    };
+                    DescribeParametersResponse {
+                        descriptors: request.names.into_iter().map(describe).collect(),
+                    }
+                }
+            })?,
+            participant.serve::<SetParameters>(&name("set_parameters"), {
+                let shared = shared.clone();
+                move |request| {
+                    let set_one = |parameter| result(shared.set_messages(vec![parameter]));
+                    SetParametersResponse {
+                        results: request.parameters.into_iter().map(set_one).collect(),
+                    }
+                }
+            })?,
+            participant.serve::<SetParametersAtomically>(&name("set_parameters_atomically"), {
+                let shared = shared.clone();
+                move |request| SetParametersAtomicallyResponse {
+                    result: result(shared.set_messages(request.parameters)),
+                }
+            })?,
+        ];
+        let new_parameters = shared.state().store.messages();
+        shared.tell(new_parameters, Vec::new());
+        Ok(Self {
+            _services: services,
+            _events: events,
+            shared,
+        })
+    }
+
+    /// The value of a parameter now.
+    #[must_use]
+    pub fn get(&self, name: &str) -> Option<Value> {
+        self.shared.state().store.get(name).cloned()
+    }
+
+    /// Sets a parameter as `ros2 param set` would.
+    ///
+    /// # Errors
+    /// The reason for which it may not be set.
+    pub fn set(&self, name: &str, value: Value) -> Result<(), String> {
+        self.shared.set(vec![(name.to_owned(), value)])
+    }
+}
+
+fn result(outcome: Result<(), String>) -> SetParametersResult {
+    SetParametersResult {
+        successful: outcome.is_ok(),
+        reason: outcome.err().unwrap_or_default(),
+    }
+}
+
+struct State {
+    store: Store,
+    accept: Accept,
+}
+
+struct Shared {
+    state: Mutex<State>,
+    events: Arc<Outlet>,
+    node: String,
+    clock: Clock,
+}
+
+impl Shared {
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn set_messages(&self, parameters: Vec<Parameter>) -> Result<(), String> {
+        let read = |Parameter { name, value }: Parameter| match unset_or(value) {
+            Ok(value) => Ok((name, value)),
+            Err(reason) => Err(format!("parameter {name} {reason}")),
+        };
+        self.set(parameters.into_iter().map(read).collect::<Result<_, _>>()?)
+    }
+
+    fn set(&self, changes: Vec<(String, Value)>) -> Result<(), String> {
+        let mut state = self.state();
+        let State { store, accept } = &mut *state;
+        changes
+            .iter()
+            .try_for_each(|(name, value)| store.check(name, value))?;
+        accept(&changes)?;
+        store.set(&changes)?;
+        // Told under the lock, so that news come in the order of the changes.
+        let message = |(name, value): (String, Value)| Parameter {
+            name,
+            value: value.to_message(),
+        };
+        self.tell(Vec::new(), changes.into_iter().map(message).collect());
+        Ok(())
+    }
+
+    fn tell(&self, new_parameters: Vec<Parameter>, changed_parameters: Vec<Parameter>) {
+        self.events.publish_message(&ParameterEvent {
+            stamp: (self.clock)(),
+            node: self.node.clone(),
+            new_parameters,
+            changed_parameters,
+            deleted_parameters: Vec::new(),
+        });
+    }
+}
+
+fn unset_or(value: ParameterValue) -> Result<Value, String> {
+    match value.r#type {
+        0 => Err("cannot be deleted: it is declared".to_owned()),
+        other => Value::from_message(value)
+            .ok_or_else(|| format!("cannot be set: {other} is no type of a parameter")),
+    }
+}
