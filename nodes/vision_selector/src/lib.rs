@@ -180,7 +180,8 @@ impl Names {
 
     fn detection(&self, header: &Header, part: &TrackedCandidate) -> Detection3D {
         let seen = &part.candidate;
-        let pose = planar_pose(seen.x_m, seen.y_m, 0.0, seen.yaw_rad.unwrap_or(0.0));
+        // A disc has no yaw of its own.
+        let pose = planar_pose(seen.x_m, seen.y_m, 0.0, 0.0);
         let known = part.pose.filter(|pose| part.selectable || !self.wanted_poses.contains(pose));
         let results = known.and_then(|index| self.poses.get(index)).map(|name| {
             let class_id = format!("{}/{name}", self.part);
