@@ -4,9 +4,11 @@
 //! types only. Nodes run on plain threads: nothing here asks for an async runtime.
 
 pub mod action;
+pub mod args;
 pub mod cdr;
 pub mod clock;
 pub mod dds;
 pub mod parameters;
+pub mod rosout;
 pub mod service;
 pub mod testing;
