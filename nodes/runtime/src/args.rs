@@ -329,7 +329,10 @@ feeder:
 
     #[test]
     fn parameters_come_from_files_and_the_command_line_and_the_last_holds() {
-        let args = parse("--ros-args --params-file good.yaml -p seed:=3 -p courier_driver:on:=true -p other:x:=1").expect("good");
+        let args = parse(
+            "--ros-args --params-file good.yaml -p seed:=3 -p courier_driver:on:=yes -p other:x:=1",
+        )
+        .expect("good");
         let given = args.parameters(&courier());
         let expected = [
             ("limits.axes", Value::Texts(vec!["ax".into(), "by".into()])),
