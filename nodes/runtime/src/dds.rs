@@ -53,6 +53,7 @@ pub use server::{ReplyHandle, Request, Server, ServerCounts};
 pub use writer::Writer;
 
 pub(crate) use executor::Task as BackgroundTask;
+pub(crate) use names::check_absolute;
 pub(crate) use writer::Outlet;
 
 /// The largest body in bytes that leaves in one datagram over the loopback interface

@@ -4,6 +4,7 @@
 //! types only. Nodes run on plain threads: nothing here asks for an async runtime.
 
 pub mod action;
+pub mod args;
 pub mod cdr;
 pub mod clock;
 pub mod dds;
@@ -14,6 +15,7 @@ pub mod node;
 mod program;
 mod public;
 pub mod parameters;
+pub mod rosout;
 pub mod service;
 pub mod testing;
 

@@ -19,7 +19,7 @@ impl NodeName {
             reason,
         };
         if namespace != "/" {
-            absolute("namespace", namespace)?;
+            check_absolute("namespace", namespace)?;
         }
         ros2_client::NodeName::new(namespace, name)
             .map(Self)
@@ -51,7 +51,7 @@ impl fmt::Display for NodeName {
 }
 
 /// Checks an absolute ROS name such as `/feeder/waveform`.
-fn absolute(what: &'static str, name: &str) -> Result<(), DdsError> {
+pub(crate) fn check_absolute(what: &'static str, name: &str) -> Result<(), DdsError> {
     let refuse = |reason: String| DdsError::Name {
         what,
         value: name.to_owned(),
@@ -72,7 +72,7 @@ pub(super) fn dds_name(
     ros_name: &str,
     suffix: &str,
 ) -> Result<String, DdsError> {
-    absolute(what, ros_name)?;
+    check_absolute(what, ros_name)?;
     Ok(format!("{prefix}{ros_name}{suffix}"))
 }
 

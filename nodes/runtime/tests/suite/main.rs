@@ -4,5 +4,6 @@ mod actions;
 mod common;
 mod interop;
 mod parameters;
+mod rosout;
 mod services;
 mod topics;
