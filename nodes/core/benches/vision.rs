@@ -85,7 +85,7 @@ fn vision(criterion: &mut Criterion) {
     let bytes = codec::encode(&image, codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX)
         .expect("the frame is small");
     criterion.bench_function("decode", |bencher| {
-        bencher.iter(|| codec::decode(black_box(&bytes)))
+        bencher.iter(|| codec::decode(black_box(&bytes)));
     });
 
     let mut shoot = |parts: &[PartView]| {

@@ -13,6 +13,7 @@ mod parts;
 mod render;
 mod scene;
 mod spec;
+mod surfaces;
 mod tile;
 mod tray;
 

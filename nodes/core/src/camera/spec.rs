@@ -34,7 +34,7 @@ pub struct CameraPose {
     pub yaw_rad: f64,
 }
 
-/// What a scenario says about a camera; [`CameraModel`] is the checked form.
+/// What a scenario says about a camera; [`CameraModel`](super::CameraModel) is the checked form.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraSpec {

@@ -8,9 +8,11 @@
 mod blobs;
 mod circles;
 mod config;
+mod detector;
 mod overlay;
 mod part_model;
 mod segment;
+mod teach;
 mod track;
 mod view;
 
@@ -18,19 +20,18 @@ use image::GrayImage;
 use nalgebra::{Isometry2, Point2};
 
 use crate::camera::{CameraModel, InvalidValue, MountedTray, require};
-use circles::{Disc, Votes};
-use segment::{Background, Segmentation};
+use circles::Disc;
+use detector::Detector;
+use segment::Segmentation;
 use track::Tracker;
-use view::{RayTable, View};
+use view::View;
 
 pub use config::SelectorConfig;
 pub use overlay::draw_overlay;
-pub use part_model::{PartModel, PoseTemplate, TeachError, TeachFrame, TeachSpec, teach};
+pub use part_model::{PartModel, PoseTemplate};
+pub use teach::{TeachError, TeachFrame, TeachSpec, teach};
 pub use track::{TrackedCandidate, TrackerConfig};
 
-/// Where between foot (0) and upper face (1) the measured rim of a part lies: the lower edge shows on the side towards the
-/// camera, the upper edge on the far side.
-const RIM_HEIGHT_RATIO: f64 = 0.5;
 /// Mean square change of brightness from ring to ring at which a face tells its centre about half as well as a rim.
 const FACE_SHARPNESS: f64 = 1e-3;
 /// Reach of a part's own side and shadow beyond its rim, in radii and in its height: what is seen there is no obstacle of
@@ -41,8 +42,6 @@ const HALO_HEIGHTS: f64 = 0.3;
 const EDGE_STRIP_PX: f64 = 4.0;
 /// How far into a wall a part that touches it may be measured, px.
 const WALL_MISS_PX: f64 = 1.5;
-/// Smallest thing that counts as an obstacle, px.
-const BLOB_PX_MIN: usize = 9;
 
 /// Why a frame yields no candidates.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -101,85 +100,6 @@ impl Candidate {
     #[must_use]
     pub fn centre(&self) -> Point2<f64> {
         Point2::new(self.x_m, self.y_m)
-    }
-}
-
-/// Finds parts in single frames.
-#[derive(Clone, Debug)]
-struct Detector {
-    camera: CameraModel,
-    tray: MountedTray,
-    rays: RayTable,
-    segmentation: Segmentation,
-    votes: Votes,
-}
-
-impl Detector {
-    fn new(camera: &CameraModel, tray: &MountedTray) -> Self {
-        Self {
-            camera: camera.clone(),
-            tray: *tray,
-            rays: RayTable::new(camera),
-            segmentation: Segmentation::default(),
-            votes: Votes::default(),
-        }
-    }
-
-    /// Finds discs of about this size and measures their rims.
-    fn discs(
-        &mut self,
-        image: &GrayImage,
-        platen_from_tray: &Isometry2<f64>,
-        size: PartSize,
-        contrast_min_levels: f64,
-    ) -> Result<(Vec<Disc>, Background), ImageFault> {
-        let expected = (self.camera.width_px(), self.camera.height_px());
-        if image.dimensions() != expected {
-            return Err(ImageFault::WrongSize {
-                found: image.dimensions(),
-                expected,
-            });
-        }
-        let view = View {
-            camera: &self.camera,
-            tray: &self.tray,
-            platen_from_tray: *platen_from_tray,
-        };
-        let background =
-            self.segmentation
-                .look(&view, &self.rays, image, contrast_min_levels, BLOB_PX_MIN)?;
-        let height_m = size.rim_height_m(&self.tray);
-        let radius_m = size.diameter_m / 2.0;
-        let radius_px = crate::camera::single(radius_m / self.camera.m_per_px(height_m));
-        let discs = self
-            .votes
-            .centres(&self.segmentation, radius_px)
-            .into_iter()
-            .filter_map(|pixel| {
-                let centre = view.tray_point(pixel.map(f64::from), height_m)?;
-                circles::measure(&self.segmentation, &view, height_m, centre, radius_m)
-            })
-            .collect();
-        Ok((discs, background))
-    }
-}
-
-/// Size of the part looked for.
-#[derive(Clone, Copy, Debug)]
-struct PartSize {
-    diameter_m: f64,
-    height_m: f64,
-}
-
-impl PartSize {
-    /// The plane above the platen in which rims are measured, m.
-    fn rim_height_m(self, tray: &MountedTray) -> f64 {
-        tray.plateau_height_m() + RIM_HEIGHT_RATIO * self.height_m
-    }
-
-    /// The plane above the platen of upper faces, m.
-    fn face_height_m(self, tray: &MountedTray) -> f64 {
-        tray.plateau_height_m() + self.height_m
     }
 }
 
