@@ -5,7 +5,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use feeder_core::courier::plant::PlantParameters;
-use feeder_core::courier::{CourierConfig, CourierDriver, CourierLimits, Load};
+use feeder_core::courier::{CourierConfig, CourierDriver, CourierLimits, LearningParameters, Load};
 use feeder_core::delivery::{GentleParameters, MovePlanner, ramp_parts};
 use feeder_core::tray::TrayGeometry;
 use feeder_core::waveform::{Axis, Waveform};
@@ -13,8 +13,11 @@ use nalgebra::Vector3;
 
 fn servo(criterion: &mut Criterion) {
     let waveform = Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 17.66, 130.9).unwrap();
-    for (name, plant) in [("ideal", PlantParameters::IDEAL), ("assumed", PlantParameters::ASSUMED)] {
-        let mut driver = CourierDriver::simulated(CourierConfig { plant, ..CourierConfig::default() }, 1).unwrap();
+    let (ideal, assumed) = (PlantParameters::IDEAL, PlantParameters::ASSUMED);
+    for (name, plant, enabled) in [("ideal", ideal, false), ("assumed", assumed, false), ("learned", assumed, true)] {
+        let learning = LearningParameters { enabled, ..LearningParameters::default() };
+        let config = CourierConfig { plant, learning, ..CourierConfig::default() };
+        let mut driver = CourierDriver::simulated(config, 1).unwrap();
         driver.set_waveform(&waveform, true).unwrap();
         criterion.bench_function(&format!("20 servo ticks, {name} plant"), |bencher| {
             bencher.iter(|| black_box(driver.step(20)));

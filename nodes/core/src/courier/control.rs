@@ -24,7 +24,7 @@ pub struct SetPoint {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControlParameters {
-    /// Natural frequency of the position loop, Hz. On the assumed plant 25 to 60 Hz are stable.
+    /// Natural frequency of the position loop, Hz. The assumed plant becomes unstable beyond some 60 Hz.
     pub bandwidth_hz: f64,
     /// Damping ratio of the position loop.
     pub damping_ratio: f64,
@@ -36,7 +36,7 @@ pub struct ControlParameters {
 
 impl Default for ControlParameters {
     fn default() -> Self {
-        Self { bandwidth_hz: 30.0, damping_ratio: 0.9, velocity_filter_hz: 500.0, feed_forward: true }
+        Self { bandwidth_hz: 20.0, damping_ratio: 0.9, velocity_filter_hz: 500.0, feed_forward: true }
     }
 }
 

@@ -42,7 +42,7 @@ impl Default for LearningParameters {
     fn default() -> Self {
         Self {
             enabled: false,
-            cutoff_hz: 630.0,
+            cutoff_hz: 840.0,
             gain: 0.5,
             constant_updates: 10,
             decay: 0.5,
@@ -88,8 +88,9 @@ type Harmonic = Vector3<Complex<f64>>;
 #[derive(Clone, Debug)]
 struct Lesson {
     waveform: Waveform,
+    /// The constant part, then the harmonics.
     force: Vec<Harmonic>,
-    /// Force per error for each harmonic.
+    /// Force per error, likewise.
     inverse: Vec<Harmonic>,
     /// Ticks over which the error is projected: a nearly whole number of periods.
     window_ticks: u32,
@@ -175,19 +176,21 @@ impl Learner {
     fn begin(&self, vibration: &Instant) -> Lesson {
         let LearningParameters { nominal_delay_s: delay_s, nominal_lag_s: lag_s, .. } = self.parameters;
         let nominal = NominalLoop { control: &self.control, delay_s, lag_s, period_s: self.period_s };
-        let inverse = (1..=vibration.harmonics)
-            .map(|k| {
-                let response = nominal.response(vibration.fundamental_rad_s * k as f64);
-                self.mass.map(|mass| mass / response)
-            })
-            .collect();
+        // A constant force, which a ripple that beats with the vibration asks for, is met by the stiffness alone. Its
+        // projection takes the mean, half of what a harmonic's takes.
+        let constant = Complex::from(0.5 * nominal.stiffness_per_s2());
+        let harmonics =
+            (1..=vibration.harmonics).map(|k| nominal.response(vibration.fundamental_rad_s * k as f64).inv());
+        let inverse: Vec<Harmonic> =
+            std::iter::once(constant).chain(harmonics).map(|per_mass| self.mass.map(|mass| per_mass * mass)).collect();
+        let zeros = vec![Harmonic::zeros(); inverse.len()];
         Lesson {
             waveform: vibration.waveform.clone(),
-            force: vec![Harmonic::zeros(); vibration.harmonics],
+            force: zeros.clone(),
             inverse,
             window_ticks: window_ticks(vibration.waveform.period_s() / self.period_s),
             updates: 0,
-            error: vec![Harmonic::zeros(); vibration.harmonics],
+            error: zeros,
             ticks: 0,
         }
     }
@@ -197,7 +200,8 @@ impl Lesson {
     /// Evaluates the learned force, and adds the error to the window's sums on the way.
     fn force(&mut self, vibration: &Instant, error: &Vector3<f64>, learning: bool) -> Wrench {
         let mut force = Wrench::zeros();
-        let powers = basis(vibration.fundamental_rad_s, vibration.elapsed_s);
+        let harmonics = basis(vibration.fundamental_rad_s, vibration.elapsed_s);
+        let powers = std::iter::once(Complex::from(1.0)).chain(harmonics);
         for ((learned, sum), power) in self.force.iter().zip(&mut self.error).zip(powers) {
             for axis in 0..3 {
                 force[axis] += (learned[axis] * power).re;

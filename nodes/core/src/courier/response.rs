@@ -61,6 +61,11 @@ impl NominalLoop<'_> {
         natural_rad_s * natural_rad_s + 2.0 * self.control.damping_ratio * natural_rad_s * rate
     }
 
+    /// Acceleration per error at rest.
+    pub(crate) fn stiffness_per_s2(&self) -> f64 {
+        (TAU * self.control.bandwidth_hz).powi(2)
+    }
+
     /// Position per acceleration added to the command, with the loop closed, m per m/s², at `omega_rad_s`.
     pub(crate) fn response(&self, omega_rad_s: f64) -> Complex<f64> {
         let z = Complex::cis(omega_rad_s * self.period_s);
