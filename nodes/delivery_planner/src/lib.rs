@@ -75,6 +75,10 @@ impl FeederNode for DeliveryPlanner {
         vec![config.namespace()]
     }
 
+    fn tick(config: &Scenario) -> Duration {
+        Duration::from_nanos(config.time.tick_ns())
+    }
+
     fn declare(io: &mut Declare, _: &Scenario) -> Ports {
         Ports {
             candidates: io.subscriber("candidates", Latency::Forward, Qos::command()),
