@@ -236,7 +236,7 @@ impl DeliveryPlanner {
                 io.call(&self.set_feeding, &SetBoolRequest { data: on });
             }
             Output::Move(id, plan) => {
-                let goal = self.random.random();
+                let goal = GoalId(self.random.random());
                 self.moves.insert(id, goal);
                 self.trajectory.send(io, goal, messages::trajectory_goal(&plan.trajectory()));
             }

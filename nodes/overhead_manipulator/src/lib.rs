@@ -167,7 +167,7 @@ impl OverheadManipulator {
         let config = &self.station.manipulator;
         match action {
             Action::Request => {
-                let id: GoalId = self.random.random();
+                let id = GoalId(self.random.random());
                 self.goal = Some(id);
                 self.presented = false;
                 let goal = DeliverPartGoal {

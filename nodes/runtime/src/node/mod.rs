@@ -6,8 +6,9 @@ mod step;
 
 use std::time::Duration;
 
+pub use crate::action::GoalId;
 pub use action::{
-    ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, ClientEvent, GoalEnd, GoalId, GoalRequest, ServerEvent,
+    ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, ClientEvent, GoalEnd, GoalRequest, ServerEvent,
 };
 pub use ports::{Client, Declare, Interface, Latency, Port, PortKind, Publisher, Server, Subscriber};
 pub(crate) use step::{Arrival, AskerInner, Output, split_call, with_call};
