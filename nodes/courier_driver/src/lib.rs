@@ -71,6 +71,10 @@ impl FeederNode for CourierDriver {
         vec![config.namespace()]
     }
 
+    fn tick(config: &Scenario) -> Duration {
+        Duration::from_nanos(config.time.tick_ns())
+    }
+
     fn declare(io: &mut Declare, _: &Scenario) -> Ports {
         Ports {
             waveform: io.subscriber("waveform", Latency::Forward, Qos::latched()),

@@ -75,6 +75,10 @@ impl FeederNode for DeliveryPlanner {
         vec![config.namespace()]
     }
 
+    fn tick(config: &Scenario) -> Duration {
+        Duration::from_nanos(config.time.tick_ns())
+    }
+
     fn declare(io: &mut Declare, _: &Scenario) -> Ports {
         Ports {
             candidates: io.subscriber("candidates", Latency::Forward, Qos::command()),
@@ -232,7 +236,7 @@ impl DeliveryPlanner {
                 io.call(&self.set_feeding, &SetBoolRequest { data: on });
             }
             Output::Move(id, plan) => {
-                let goal = self.random.random();
+                let goal = GoalId(self.random.random());
                 self.moves.insert(id, goal);
                 self.trajectory.send(io, goal, messages::trajectory_goal(&plan.trajectory()));
             }

@@ -2,6 +2,8 @@
 //!
 //! It knows the feeder by its public interface alone: the action `deliver_part` and the service `report_handover`.
 
+use std::time::Duration;
+
 use feeder_core::manipulator::{Action, Event, Manipulator, Presented};
 use feeder_core::scenario::{Scenario, Station};
 use feeder_core::seed::generator;
@@ -56,6 +58,10 @@ impl FeederNode for OverheadManipulator {
 
     fn namespaces(config: &Scenario) -> Vec<String> {
         config.stations.iter().map(|station| format!("/{}", station.name)).collect()
+    }
+
+    fn tick(config: &Scenario) -> Duration {
+        Duration::from_nanos(config.time.tick_ns())
     }
 
     fn declare(io: &mut Declare, config: &Scenario) -> Ports {
@@ -161,7 +167,7 @@ impl OverheadManipulator {
         let config = &self.station.manipulator;
         match action {
             Action::Request => {
-                let id: GoalId = self.random.random();
+                let id = GoalId(self.random.random());
                 self.goal = Some(id);
                 self.presented = false;
                 let goal = DeliverPartGoal {

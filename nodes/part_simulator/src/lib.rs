@@ -4,6 +4,8 @@
 
 mod camera;
 
+use std::time::Duration;
+
 use feeder_core::motion::MotionBlock;
 use feeder_core::parts::{Part, PartBulk, Place};
 use feeder_core::scenario::Scenario;
@@ -52,6 +54,10 @@ impl FeederNode for PartSimulator {
 
     fn namespaces(config: &Scenario) -> Vec<String> {
         vec![config.namespace()]
+    }
+
+    fn tick(config: &Scenario) -> Duration {
+        Duration::from_nanos(config.time.tick_ns())
     }
 
     fn declare(io: &mut Declare, config: &Scenario) -> Ports {

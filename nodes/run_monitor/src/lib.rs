@@ -5,6 +5,7 @@ mod truth;
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use feeder_core::scenario::Scenario;
 use feeder_runtime::dds::Qos;
@@ -63,6 +64,10 @@ impl FeederNode for RunMonitor {
 
     fn namespaces(config: &Scenario) -> Vec<String> {
         vec![config.namespace()]
+    }
+
+    fn tick(config: &Scenario) -> Duration {
+        Duration::from_nanos(config.time.tick_ns())
     }
 
     fn declare(io: &mut Declare, _: &Scenario) -> Ports {

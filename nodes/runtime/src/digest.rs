@@ -87,7 +87,8 @@ impl Digest {
                 hash.update(payload);
             }
             Running::Shared(messages) => {
-                messages.push((if port.qos.durability == Durability::TransientLocal { 0 } else { tick }, payload.to_vec()));
+                messages
+                    .push((if port.qos.durability == Durability::TransientLocal { 0 } else { tick }, payload.to_vec()));
             }
         }
     }
@@ -118,7 +119,8 @@ impl Digest {
 /// # Errors
 /// When a file cannot be read or is not a digest.
 pub fn merge(dir: &Path) -> std::io::Result<Vec<DigestLine>> {
-    let mut files: Vec<PathBuf> = std::fs::read_dir(dir)?.map(|entry| entry.map(|e| e.path())).collect::<Result<_, _>>()?;
+    let mut files: Vec<PathBuf> =
+        std::fs::read_dir(dir)?.map(|entry| entry.map(|e| e.path())).collect::<Result<_, _>>()?;
     files.sort();
     let mut lines = Vec::new();
     let mut shared: BTreeMap<String, Vec<(u64, Vec<u8>)>> = BTreeMap::new();

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::channel;
+use std::time::Duration;
 
-use crate::digest::Digest;
 use crate::dds::{Domain, NodeName, Participant};
+use crate::digest::Digest;
 use crate::lockstep::{DdsLinks, LoopContract, RunError, Runner};
 use crate::node::{Declare, FeederNode, Interface, NodeError};
 use crate::public::PublicSide;
@@ -44,6 +45,11 @@ pub fn interface<N: FeederNode>(namespace: &str, config: &N::Config) -> Interfac
 /// # Errors
 /// [`RunError`] when the node, the loop or DDS fails. The clock is told.
 pub fn run_in_loop<N: FeederNode>(seat: &Seat, config: &N::Config) -> Result<(), RunError> {
+    let (wanted, given) = (N::tick(config), Duration::from_nanos(seat.contract.timing.tick_ns));
+    if wanted != given {
+        let reason = format!("the run's tick is {given:?}, but the configuration says {wanted:?}");
+        return Err(RunError::Node(NodeError::new(reason)));
+    }
     let mut declare = Declare::new(&seat.namespace);
     let ports = N::declare(&mut declare, config);
     let interface = declare.finish();

@@ -74,12 +74,7 @@ impl PublicSide {
     }
 }
 
-fn serve(
-    participant: &Participant,
-    port: &Port,
-    index: usize,
-    inbox: Sender<Incoming>,
-) -> Result<Server, DdsError> {
+fn serve(participant: &Participant, port: &Port, index: usize, inbox: Sender<Incoming>) -> Result<Server, DdsError> {
     participant.server(&port.name, &port.dds_types[0], &port.dds_types[1], move |request| {
         let asker = Asker(AskerInner::Graph(request.reply));
         let arrival = Arrival::Request { payload: request.payload, little_endian: request.little_endian, asker };

@@ -9,6 +9,7 @@
 //! room for the gripper), comes without hypothesis: it is only in the way.
 
 use std::collections::VecDeque;
+use std::time::Duration;
 
 use feeder_core::camera::{CameraModel, MountedTray, codec};
 use feeder_core::scenario::Scenario;
@@ -65,6 +66,10 @@ impl FeederNode for VisionSelector {
 
     fn namespaces(config: &Scenario) -> Vec<String> {
         vec![config.namespace()]
+    }
+
+    fn tick(config: &Scenario) -> Duration {
+        Duration::from_nanos(config.time.tick_ns())
     }
 
     fn declare(io: &mut Declare, _: &Scenario) -> Ports {

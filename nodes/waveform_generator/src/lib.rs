@@ -3,6 +3,8 @@
 //! The waveform goes out as a description, latched; the courier driver runs it at servo rate. A new waveform is checked
 //! against the courier's limits before it is published.
 
+use std::time::Duration;
+
 use feeder_core::courier;
 use feeder_core::scenario::Scenario;
 use feeder_core::waveform::Waveform;
@@ -40,6 +42,10 @@ impl FeederNode for WaveformGenerator {
 
     fn namespaces(config: &Scenario) -> Vec<String> {
         vec![config.namespace()]
+    }
+
+    fn tick(config: &Scenario) -> Duration {
+        Duration::from_nanos(config.time.tick_ns())
     }
 
     fn declare(io: &mut Declare, _: &Scenario) -> Ports {

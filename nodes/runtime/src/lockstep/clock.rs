@@ -220,7 +220,11 @@ impl Clock {
                 let elapsed_s = now.saturating_sub(started_at).as_secs_f64();
                 let tick_s = Duration::from_nanos(self.contract.timing.tick_ns).as_secs_f64();
                 let ticks = elapsed_s * speed / tick_s;
-                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates, and is never negative")]
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "saturates, and is never negative"
+                )]
                 let whole = ticks as u64;
                 whole + 1
             }
@@ -266,7 +270,8 @@ mod tests {
     use crate::lockstep::LoopTiming;
 
     fn clock(speed: Speed) -> Clock {
-        let timing = LoopTiming { tick_ns: 10_000_000, forward_delay_ticks: 1, feedback_delay_ticks: 10, window_ticks: 32 };
+        let timing =
+            LoopTiming { tick_ns: 10_000_000, forward_delay_ticks: 1, feedback_delay_ticks: 10, window_ticks: 32 };
         let contract = LoopContract {
             run_id: 7,
             timing,
@@ -278,7 +283,14 @@ mod tests {
     }
 
     fn status(node: &str, tick: u64) -> LoopStatus {
-        LoopStatus { run_id: 7, node: node.into(), tick, wired: true, goal_tick: LoopStatus::NO_GOAL, ..Default::default() }
+        LoopStatus {
+            run_id: 7,
+            node: node.into(),
+            tick,
+            wired: true,
+            goal_tick: LoopStatus::NO_GOAL,
+            ..Default::default()
+        }
     }
 
     const fn ms(ms: u64) -> Duration {

@@ -69,7 +69,12 @@ impl ClockRunner {
     ///
     /// # Errors
     /// When DDS refuses an endpoint.
-    pub fn open(participant: &Participant, contract: &LoopContract, clock: Clock, digest: Digest) -> Result<Self, DdsError> {
+    pub fn open(
+        participant: &Participant,
+        contract: &LoopContract,
+        clock: Clock,
+        digest: Digest,
+    ) -> Result<Self, DdsError> {
         let (sender, statuses): (Sender<LoopStatus>, _) = channel();
         let reader = read(participant, STATUS_TOPIC, move |status: LoopStatus| {
             // A closed inbox belongs to a clock that has stopped.
@@ -107,11 +112,7 @@ impl ClockRunner {
     ///
     /// # Errors
     /// [`RunEnd`] naming the node at fault. The nodes are told to leave in any case.
-    pub fn run(
-        &mut self,
-        stop: &AtomicBool,
-        mut watch: impl FnMut(u64) -> Result<(), String>,
-    ) -> Result<(), RunEnd> {
+    pub fn run(&mut self, stop: &AtomicBool, mut watch: impl FnMut(u64) -> Result<(), String>) -> Result<(), RunEnd> {
         let result = self.run_to_the_end(stop, &mut watch);
         if result.is_err() {
             let ended = LoopGrant { ended: true, ..self.clock.last_grant() };

@@ -1,8 +1,10 @@
 //! The contract of a run: who is in the loop, who hears whom, and how late.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
-use crate::node::{Interface, Latency, PortKind};
+use crate::node::{Interface, Latency, Port, PortKind};
 
 /// How latencies become ticks, and how far nodes may run ahead.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -72,8 +74,16 @@ pub enum ContractError {
         /// The name.
         name: String,
     },
+    /// One node has two ports that nothing could tell apart.
+    #[error("{node} declares {name} twice in the same role; one port serves all uses")]
+    DuplicatePort {
+        /// The node.
+        node: String,
+        /// Topic or service.
+        name: String,
+    },
     /// Nobody publishes what a node needs.
-    #[error("{node} subscribes to {name}, which no node of the loop publishes")]
+    #[error("{node} subscribes to {name}, which no other node of the loop publishes")]
     NoPublisher {
         /// The subscriber.
         node: String,
@@ -81,7 +91,7 @@ pub enum ContractError {
         name: String,
     },
     /// Nobody serves what a node calls.
-    #[error("{node} calls {name}, which no node of the loop serves")]
+    #[error("{node} calls {name}, which no other node of the loop serves")]
     NoServer {
         /// The client.
         node: String,
@@ -135,8 +145,8 @@ impl LoopContract {
     /// Connects the nodes' interfaces.
     ///
     /// # Errors
-    /// [`ContractError`] when names collide, a subscription or call finds no partner of its type, or the timing does
-    /// not fit.
+    /// [`ContractError`] when names collide, a subscription or call finds no partner of its type in another node, or the
+    /// timing does not fit.
     pub fn connect(run_id: u64, timing: LoopTiming, nodes: &[(String, Interface)]) -> Result<Self, ContractError> {
         for (key, value) in [
             ("tick_ns", timing.tick_ns),
@@ -149,15 +159,11 @@ impl LoopContract {
             }
         }
         let largest_delay_ticks = timing.forward_delay_ticks.max(timing.feedback_delay_ticks);
-        if timing.window_ticks + largest_delay_ticks > READER_CAPACITY_TICKS {
+        if timing.window_ticks.saturating_add(largest_delay_ticks) > READER_CAPACITY_TICKS {
             return Err(ContractError::WindowTooLarge { window_ticks: timing.window_ticks, largest_delay_ticks });
         }
+        check_names(nodes)?;
         let mut builder = Builder { timing, nodes, edges: Vec::new() };
-        for (index, (name, _)) in nodes.iter().enumerate() {
-            if nodes[..index].iter().any(|(other, _)| other == name) {
-                return Err(ContractError::DuplicateNode { name: name.clone() });
-            }
-        }
         for node in 0..nodes.len() {
             builder.connect_inputs(node)?;
         }
@@ -194,65 +200,46 @@ impl Builder<'_> {
     fn connect_inputs(&mut self, node: usize) -> Result<(), ContractError> {
         let (name, interface) = &self.nodes[node];
         for port in &interface.ports {
-            let partners: Vec<usize> = match port.kind {
-                PortKind::Subscribe(_) => self.partners(node, &port.name, PortKind::Publish),
-                PortKind::Call(_) => self.partners(node, &port.name, PortKind::Serve),
-                PortKind::Publish | PortKind::Serve => continue,
-            };
-            for &partner in &partners {
-                self.check_type(node, partner, &port.name, &port.ros_type)?;
-            }
             match port.kind {
                 PortKind::Subscribe(latency) => {
-                    if partners.is_empty() {
+                    let publishers = self.partners(node, port, PortKind::Publish)?;
+                    if publishers.is_empty() {
                         return Err(ContractError::NoPublisher { node: name.clone(), name: port.name.clone() });
                     }
-                    for publisher in partners {
+                    for publisher in publishers {
                         self.carry(publisher, node, latency, Channel::Topic(port.name.clone()));
                     }
                 }
-                PortKind::Call(latency) => match partners[..] {
-                    [] => return Err(ContractError::NoServer { node: name.clone(), name: port.name.clone() }),
-                    [server] => {
-                        self.carry(node, server, latency, Channel::Request(port.name.clone()));
-                        self.carry(server, node, Latency::Forward, Channel::Reply(port.name.clone()));
-                    }
-                    [first, second, ..] => {
-                        return Err(ContractError::TwoServers {
-                            name: port.name.clone(),
-                            first: self.nodes[first].0.clone(),
-                            second: self.nodes[second].0.clone(),
-                        });
-                    }
-                },
+                PortKind::Call(latency) => {
+                    let Some(&server) = self.partners(node, port, PortKind::Serve)?.first() else {
+                        return Err(ContractError::NoServer { node: name.clone(), name: port.name.clone() });
+                    };
+                    self.carry(node, server, latency, Channel::Request(port.name.clone()));
+                    self.carry(server, node, Latency::Forward, Channel::Reply(port.name.clone()));
+                }
                 PortKind::Publish | PortKind::Serve => {}
             }
         }
         Ok(())
     }
 
-    fn partners(&self, node: usize, name: &str, kind: PortKind) -> Vec<usize> {
-        (0..self.nodes.len())
-            .filter(|&other| other != node && self.nodes[other].1.ports.iter().any(|p| p.kind == kind && p.name == name))
-            .collect()
-    }
-
-    fn check_type(&self, node: usize, partner: usize, name: &str, expected: &str) -> Result<(), ContractError> {
-        let found = self.nodes[partner]
-            .1
-            .ports
-            .iter()
-            .find(|p| p.name == name && matches!(p.kind, PortKind::Publish | PortKind::Serve) && p.ros_type != expected);
-        match found {
-            None => Ok(()),
-            Some(port) => Err(ContractError::TypeMismatch {
-                node: self.nodes[node].0.clone(),
-                name: name.to_owned(),
-                expected: expected.to_owned(),
-                other: self.nodes[partner].0.clone(),
-                found: port.ros_type.clone(),
-            }),
+    /// The other nodes that have a port of `kind` for what `port` of `node` needs, all of its type.
+    fn partners(&self, node: usize, port: &Port, kind: PortKind) -> Result<Vec<usize>, ContractError> {
+        let mut partners = Vec::new();
+        for (other, (other_name, interface)) in self.nodes.iter().enumerate().filter(|(other, _)| *other != node) {
+            let Some(found) = interface.ports.iter().find(|p| p.kind == kind && p.name == port.name) else { continue };
+            if found.ros_type != port.ros_type {
+                return Err(ContractError::TypeMismatch {
+                    node: self.nodes[node].0.clone(),
+                    name: port.name.clone(),
+                    expected: port.ros_type.clone(),
+                    other: other_name.clone(),
+                    found: found.ros_type.clone(),
+                });
+            }
+            partners.push(other);
         }
+        Ok(partners)
     }
 
     /// Adds `channel` to the edge; an edge is as late as the latest thing it carries.
@@ -272,6 +259,29 @@ impl Builder<'_> {
     }
 }
 
+/// Refuses nodes, ports of a node, and servers of a service that have one name.
+fn check_names(nodes: &[(String, Interface)]) -> Result<(), ContractError> {
+    let mut servers: BTreeMap<&str, &str> = BTreeMap::new();
+    for (index, (node, interface)) in nodes.iter().enumerate() {
+        if nodes[..index].iter().any(|(other, _)| other == node) {
+            return Err(ContractError::DuplicateNode { name: node.clone() });
+        }
+        for (index, port) in interface.ports.iter().enumerate() {
+            let role = std::mem::discriminant(&port.kind);
+            if interface.ports[..index].iter().any(|p| p.name == port.name && std::mem::discriminant(&p.kind) == role) {
+                return Err(ContractError::DuplicatePort { node: node.clone(), name: port.name.clone() });
+            }
+            if port.kind == PortKind::Serve
+                && let Some(first) = servers.insert(&port.name, node)
+            {
+                let (name, first, second) = (port.name.clone(), first.to_owned(), node.clone());
+                return Err(ContractError::TwoServers { name, first, second });
+            }
+        }
+    }
+    Ok(())
+}
+
 fn shared_topics(nodes: &[(String, Interface)]) -> Vec<String> {
     let published = |interface: &Interface, name: &str| {
         interface.ports.iter().any(|p| p.kind == PortKind::Publish && p.name == name)
@@ -287,3 +297,6 @@ fn shared_topics(nodes: &[(String, Interface)]) -> Vec<String> {
     shared.dedup();
     shared
 }
+
+#[cfg(test)]
+mod tests;

@@ -7,15 +7,17 @@ use minifactory_msgs::msg::{LoopBundle, LoopEntry, LoopGrant};
 
 use super::contract::{Channel, LoopContract};
 
-/// Bundles are cut at this many payload bytes, so that one stays below a UDP datagram of 64 kB.
+/// Bundles are cut at this many bytes, so that one stays below a UDP datagram of 64 kB.
 const BUNDLE_BYTES_MAX: usize = 48 * 1024;
+/// What an entry takes beside its payload, in CDR with padding.
+const ENTRY_BYTES: usize = 32;
 /// A node that never blocks still sends this often, so that those who wait for it can go on.
 const BUNDLE_TICKS_MAX: u64 = 4;
 
 /// Why a loop cannot go on.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum LoopError {
-    /// A bundle is missing: something was lost between two nodes.
+    /// A bundle is missing: something was lost between two nodes, or the sender was started a second time.
     #[error("lost a bundle from {from}: expected sequence {expected}, got {got}")]
     Gap {
         /// The sending node.
@@ -43,8 +45,16 @@ pub enum LoopError {
         /// The nodes of the contract.
         nodes: Vec<String>,
     },
-    /// A node published on a channel nobody declared.
-    #[error("a message of {bytes} bytes does not fit a loop bundle of {BUNDLE_BYTES_MAX} bytes")]
+    /// The node has other ports than the contract says: the two were made from different configurations.
+    #[error("the contract does not fit {node}: its inputs differ in {name}")]
+    Misfit {
+        /// The node.
+        node: String,
+        /// Topic or service.
+        name: String,
+    },
+    /// A message is too large for the loop.
+    #[error("a message of {bytes} bytes; the loop carries at most {} bytes", super::MESSAGE_BYTES_MAX)]
     TooLarge {
         /// Its size.
         bytes: usize,
@@ -205,9 +215,7 @@ impl Engine {
     #[must_use]
     pub fn reply_route(&self, contract: &LoopContract, in_edge: usize, channel: &Channel) -> Option<Route> {
         let client = contract.edges[self.ins.get(in_edge)?.contract_index].from;
-        self.routes(channel)
-            .into_iter()
-            .find(|route| contract.edges[self.outs[route.edge].contract_index].to == client)
+        self.routes(channel).into_iter().find(|route| contract.edges[self.outs[route.edge].contract_index].to == client)
     }
 
     /// Takes in a grant; one of another run is ignored.
@@ -283,11 +291,12 @@ impl Engine {
         }
         let (run_id, tick) = (self.run_id, self.next_tick);
         let edge = &mut self.outs[route.edge];
-        if edge.bytes + payload.len() > BUNDLE_BYTES_MAX && !edge.pending.is_empty() {
+        let bytes = ENTRY_BYTES + payload.len();
+        if edge.bytes + bytes > BUNDLE_BYTES_MAX && !edge.pending.is_empty() {
             // This tick is not complete yet, so the bundle ends before it.
             edge.cut(run_id, tick);
         }
-        edge.bytes += payload.len();
+        edge.bytes += bytes;
         edge.pending.push(LoopEntry { tick, sequence: edge.next_entry, port: route.port, payload: payload.to_vec() });
         edge.next_entry = edge.next_entry.wrapping_add(1);
         Ok(())
@@ -337,3 +346,6 @@ impl OutEdge {
         self.bytes = 0;
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -21,6 +21,8 @@ const PROBE_PERIOD: Duration = Duration::from_millis(20);
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(100);
 /// A node that hears no grant for this long has lost its clock.
 const CLOCK_LIMIT: Duration = Duration::from_secs(5);
+/// The same before the first grant: the clock waits for all nodes, and gives up sooner than this.
+const START_LIMIT: Duration = Duration::from_secs(60);
 /// Steps between looks at the inbox while a node runs ahead.
 const STEPS_PER_LOOK: usize = 4;
 
@@ -53,8 +55,11 @@ pub enum RunError {
     #[error("{0}")]
     Node(#[source] NodeError),
     /// Nothing was heard of the clock.
-    #[error("no word from the clock for {CLOCK_LIMIT:?}; the run is over")]
-    ClockLost,
+    #[error("no word from the clock for {after:?}; the run is over")]
+    ClockLost {
+        /// How long the node has waited.
+        after: Duration,
+    },
     /// Asked to stop before the run ended.
     #[error("stopped by a signal at tick {tick}")]
     Stopped {
@@ -82,6 +87,7 @@ pub(crate) struct Runner<N, L> {
     node: N,
     name: String,
     run_id: u64,
+    tick_ns: u64,
     interface: Interface,
     engine: Engine,
     routing: Routing,
@@ -91,6 +97,10 @@ pub(crate) struct Runner<N, L> {
     digest: Digest,
     status_period_ticks: u64,
     goal_tick: u64,
+    said_at: Instant,
+    /// When the clock was last heard, or the node began to listen.
+    clock_at: Instant,
+    started: bool,
 }
 
 struct Routing {
@@ -120,11 +130,12 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
         digest: Digest,
     ) -> Result<Self, LoopError> {
         let engine = Engine::new(contract, &name)?;
-        let routing = Routing::new(&interface, &engine, contract);
+        let routing = Routing::new(&name, &interface, &engine, contract)?;
         Ok(Self {
             node,
             name,
             run_id: contract.run_id,
+            tick_ns: contract.timing.tick_ns,
             io: StepIo::new(interface.ports.len(), contract.timing.tick_ns),
             interface,
             engine,
@@ -134,6 +145,9 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             digest,
             status_period_ticks: (contract.timing.window_ticks / 4).max(1),
             goal_tick: LoopStatus::NO_GOAL,
+            said_at: Instant::now(),
+            clock_at: Instant::now(),
+            started: false,
         })
     }
 
@@ -148,15 +162,12 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
     }
 
     fn run_to_the_end(&mut self, inbox: &Receiver<Incoming>, stop: &Arc<AtomicBool>) -> Result<(), RunError> {
-        let mut said_at = Instant::now();
-        let mut grant_at = Instant::now();
-        let mut started = false;
         loop {
             if stop.load(Ordering::Relaxed) {
                 return Err(RunError::Stopped { tick: self.engine.next_tick() });
             }
             while let Ok(incoming) = inbox.try_recv() {
-                self.accept(incoming, &mut started, &mut grant_at)?;
+                self.accept(incoming)?;
             }
             if self.engine.ended() {
                 return Ok(());
@@ -166,40 +177,45 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
                 continue;
             }
             self.flush(true)?;
-            let period = if started { HEARTBEAT_PERIOD } else { PROBE_PERIOD };
-            if said_at.elapsed() >= period {
-                said_at = Instant::now();
-                if !started {
+            let (period, limit) =
+                if self.started { (HEARTBEAT_PERIOD, CLOCK_LIMIT) } else { (PROBE_PERIOD, START_LIMIT) };
+            if self.said_at.elapsed() >= period {
+                if !self.started {
                     for (edge, probe) in self.engine.probes() {
                         self.links.send_bundle(edge, probe)?;
                     }
                 }
-                self.links.send_status(self.status())?;
+                self.tell_clock()?;
             }
-            if started && grant_at.elapsed() > CLOCK_LIMIT {
-                return Err(RunError::ClockLost);
+            if self.clock_at.elapsed() > limit {
+                return Err(RunError::ClockLost { after: limit });
             }
-            match inbox.recv_timeout(period.saturating_sub(said_at.elapsed())) {
-                Ok(incoming) => self.accept(incoming, &mut started, &mut grant_at)?,
+            match inbox.recv_timeout(period.saturating_sub(self.said_at.elapsed())) {
+                Ok(incoming) => self.accept(incoming)?,
                 Err(RecvTimeoutError::Timeout) => {}
-                Err(RecvTimeoutError::Disconnected) => return Err(RunError::ClockLost),
+                Err(RecvTimeoutError::Disconnected) => return Err(RunError::ClockLost { after: Duration::ZERO }),
             }
         }
     }
 
-    fn accept(&mut self, incoming: Incoming, started: &mut bool, grant_at: &mut Instant) -> Result<(), RunError> {
+    fn accept(&mut self, incoming: Incoming) -> Result<(), RunError> {
         match incoming {
             Incoming::Bundle(edge, bundle) => self.engine.accept_bundle(edge, bundle)?,
             Incoming::Grant(grant) => {
                 if grant.run_id == self.run_id {
-                    *started = true;
-                    *grant_at = Instant::now();
+                    self.started = true;
+                    self.clock_at = Instant::now();
                 }
                 self.engine.accept_grant(&grant);
             }
             Incoming::Outside(port, arrival) => self.io.arrive(port, arrival),
         }
         Ok(())
+    }
+
+    fn tell_clock(&mut self) -> Result<(), RunError> {
+        self.said_at = Instant::now();
+        self.links.send_status(self.status())
     }
 
     fn step_while_possible(&mut self) -> Result<(), RunError> {
@@ -211,8 +227,10 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             let tick = self.engine.next_tick();
             let at_the_limit = matches!(self.engine.blocked(), Some(Blocked::Grant | Blocked::Ended));
             self.flush(at_the_limit)?;
-            if tick.is_multiple_of(self.status_period_ticks) || at_the_limit || self.goal_tick + 1 == tick {
-                self.links.send_status(self.status())?;
+            let due = tick.is_multiple_of(self.status_period_ticks) || self.goal_tick == tick - 1;
+            // A node whose steps are slow is alive all the same.
+            if due || at_the_limit || self.said_at.elapsed() >= HEARTBEAT_PERIOD {
+                self.tell_clock()?;
             }
         }
         Ok(())
@@ -220,7 +238,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
 
     fn step(&mut self) -> Result<(), RunError> {
         let tick = self.engine.next_tick();
-        self.io.begin(tick);
+        self.io.begin(tick, tick * self.tick_ns);
         self.note_what_is_wanted();
         for input in self.engine.inputs() {
             let (port, carries) = self.routing.arrivals[input.edge][usize::from(input.port)];
@@ -317,26 +335,27 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
 }
 
 impl Routing {
-    fn new(interface: &Interface, engine: &Engine, contract: &LoopContract) -> Self {
-        let find = |name: &str, fits: fn(PortKind) -> bool| {
-            interface.ports.iter().position(|port| fits(port.kind) && port.name == name)
-        };
-        let arrivals = engine
-            .in_edges()
-            .map(|(_, channels)| {
-                channels
-                    .iter()
-                    .map(|channel| match channel {
-                        Channel::Topic(name) => {
-                            (find(name, |kind| matches!(kind, PortKind::Subscribe(_))), Carries::Message)
-                        }
-                        Channel::Request(name) => (find(name, |kind| kind == PortKind::Serve), Carries::Request),
-                        Channel::Reply(name) => (find(name, |kind| matches!(kind, PortKind::Call(_))), Carries::Reply),
-                    })
-                    .filter_map(|(port, carries)| port.map(|port| (port, carries)))
-                    .collect()
-            })
-            .collect();
+    fn new(node: &str, interface: &Interface, engine: &Engine, contract: &LoopContract) -> Result<Self, LoopError> {
+        let misfit = |name: &str| LoopError::Misfit { node: node.to_owned(), name: name.to_owned() };
+        let mut arrivals = Vec::new();
+        for (_, channels) in engine.in_edges() {
+            let ports = channels.iter().map(|channel| {
+                let (name, carries) = match channel {
+                    Channel::Topic(name) => (name, Carries::Message),
+                    Channel::Request(name) => (name, Carries::Request),
+                    Channel::Reply(name) => (name, Carries::Reply),
+                };
+                let port = interface.ports.iter().position(|port| carries.fits(port.kind) && port.name == *name);
+                port.map(|port| (port, carries)).ok_or_else(|| misfit(name))
+            });
+            arrivals.push(ports.collect::<Result<Vec<_>, _>>()?);
+        }
+        for (index, port) in interface.ports.iter().enumerate() {
+            let hears = matches!(port.kind, PortKind::Subscribe(_) | PortKind::Call(_));
+            if hears && !arrivals.iter().flatten().any(|(port, _)| *port == index) {
+                return Err(misfit(&port.name));
+            }
+        }
         let sends = interface
             .ports
             .iter()
@@ -356,6 +375,19 @@ impl Routing {
                 interface.ports.iter().map(reply).collect()
             })
             .collect();
-        Self { arrivals, sends, replies }
+        Ok(Self { arrivals, sends, replies })
     }
 }
+
+impl Carries {
+    fn fits(self, kind: PortKind) -> bool {
+        match self {
+            Self::Message => matches!(kind, PortKind::Subscribe(_)),
+            Self::Request => kind == PortKind::Serve,
+            Self::Reply => matches!(kind, PortKind::Call(_)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,23 +1,23 @@
 //! Actions, made of the same ports as everything else: three services and two topics, with ROS 2's hidden names.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
 
-use minifactory_msgs::action_msgs::msg::{GoalInfo, GoalStatus, GoalStatusArray};
+use minifactory_msgs::Action;
+use minifactory_msgs::action_msgs::msg::{GoalInfo, GoalStatusArray};
 use minifactory_msgs::action_msgs::srv::{CancelGoal, CancelGoalRequest, CancelGoalResponse};
 use minifactory_msgs::builtin_interfaces::msg::Time;
 use minifactory_msgs::unique_identifier_msgs::msg::UUID;
-use minifactory_msgs::Action;
 
 use super::ports::{Client, Declare, Latency, Publisher, Server, Subscriber};
-use super::step::{Asker, CallId, StepIo, ns_of_stamp};
+use super::step::{Asker, CallId, StepIo};
+use crate::action::goals::{Goals, NothingToCancel, ResultOf};
+use crate::action::{GoalId, GoalStatus};
 use crate::dds::Qos;
 
-/// Identifies a goal for as long as anybody may ask for it.
-pub type GoalId = [u8; 16];
-
-/// How long the result of a finished goal can still be asked for, ns. What rcl_action calls result_timeout, with its
-/// default of 10 s.
-const RESULT_LIFETIME_NS: u64 = 10_000_000_000;
+/// How long the result of a finished goal can still be asked for. What rcl_action calls result_timeout, with its
+/// default.
+const RESULT_LIFETIME: Duration = Duration::from_secs(10);
 
 /// How a goal ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,12 +31,16 @@ pub enum GoalEnd {
 }
 
 impl GoalEnd {
-    fn status(self) -> i8 {
+    fn status(self) -> GoalStatus {
         match self {
-            Self::Succeeded => GoalStatus::STATUS_SUCCEEDED,
-            Self::Canceled => GoalStatus::STATUS_CANCELED,
-            Self::Aborted => GoalStatus::STATUS_ABORTED,
+            Self::Succeeded => GoalStatus::Succeeded,
+            Self::Canceled => GoalStatus::Canceled,
+            Self::Aborted => GoalStatus::Aborted,
         }
+    }
+
+    fn of_status(status: GoalStatus) -> Option<Self> {
+        [Self::Succeeded, Self::Canceled, Self::Aborted].into_iter().find(|end| end.status() == status)
     }
 }
 
@@ -99,19 +103,12 @@ pub struct GoalRequest<A: Action> {
     asker: Asker,
 }
 
-#[derive(Debug)]
-struct Goal<R> {
-    accepted: Time,
-    status: i8,
-    result: Option<R>,
-    ended_ns: u64,
-    waiting: Vec<Asker>,
-}
-
-/// The server's side of an action.
+/// The server's side of an action: [`Goals`] behind ports.
 pub struct ActionServer<A: Action> {
     ports: ActionServerPorts<A>,
-    goals: BTreeMap<GoalId, Goal<A::Result>>,
+    goals: Goals<A::Result, Asker>,
+    /// Goals that are neither accepted nor rejected yet.
+    undecided: BTreeSet<GoalId>,
     changed: bool,
 }
 
@@ -119,40 +116,38 @@ impl<A: Action> ActionServer<A> {
     /// A server on `ports` without goals.
     #[must_use]
     pub fn new(ports: ActionServerPorts<A>) -> Self {
-        Self { ports, goals: BTreeMap::new(), changed: true }
+        Self { ports, goals: Goals::new(RESULT_LIFETIME), undecided: BTreeSet::new(), changed: true }
     }
 
     /// Answers what needs no decision and returns what does. Call it once a step, before anything else.
     pub fn poll(&mut self, io: &mut StepIo) -> Vec<ServerEvent<A>> {
-        self.expire(io.now_ns());
+        self.changed |= !self.goals.expire(now(io)).is_empty();
         let mut events = Vec::new();
         for (asker, request) in io.requests(&self.ports.send_goal) {
             let (id, goal): (UUID, A::Goal) = request.into();
-            if self.goals.contains_key(&id.uuid) {
-                // A second goal of the same identifier would make results ambiguous.
-                tracing::warn!("rejected a goal: its identifier is in use");
-                io.reply(&self.ports.send_goal, asker, &(false, io.stamp()).into());
+            let id = GoalId::from(id);
+            if self.goals.status(id) == GoalStatus::Unknown && self.undecided.insert(id) {
+                events.push(ServerEvent::Requested(GoalRequest { id, goal, asker }));
             } else {
-                events.push(ServerEvent::Requested(GoalRequest { id: id.uuid, goal, asker }));
+                // A second goal of the same identifier would make results ambiguous.
+                tracing::warn!("rejected goal {id}: its identifier is in use");
+                io.reply(&self.ports.send_goal, asker, &(false, io.stamp()).into());
             }
         }
         for (asker, request) in io.requests(&self.ports.cancel) {
-            let (response, canceling) = self.cancel(&request);
-            events.extend(canceling.into_iter().map(ServerEvent::CancelRequested));
+            let response = self.cancel(&request);
+            let canceling = response.goals_canceling.iter().map(|info| info.goal_id.into());
+            events.extend(canceling.map(ServerEvent::CancelRequested));
             io.reply(&self.ports.cancel, asker, &response);
         }
         for (asker, request) in io.requests(&self.ports.get_result) {
             let id: UUID = request.into();
-            match self.goals.get_mut(&id.uuid) {
-                None => {
-                    let unknown = (GoalStatus::STATUS_UNKNOWN, A::Result::default());
-                    io.reply(&self.ports.get_result, asker, &unknown.into());
-                }
-                Some(Goal { status, result: Some(result), .. }) => {
-                    io.reply(&self.ports.get_result, asker, &(*status, result.clone()).into());
-                }
-                Some(goal) => goal.waiting.push(asker),
-            }
+            let (asker, status, result) = match self.goals.result(id.into(), asker) {
+                ResultOf::Known(asker, status, result) => (asker, status, result.clone()),
+                ResultOf::Unknown(asker) => (asker, GoalStatus::Unknown, A::Result::default()),
+                ResultOf::Later => continue,
+            };
+            io.reply(&self.ports.get_result, asker, &(status as i8, result).into());
         }
         self.publish_status(io);
         events
@@ -161,80 +156,80 @@ impl<A: Action> ActionServer<A> {
     /// Takes up a goal.
     pub fn accept(&mut self, io: &mut StepIo, request: GoalRequest<A>) {
         let accepted = io.stamp();
-        io.reply(&self.ports.send_goal, request.asker, &(true, accepted.clone()).into());
-        let status = GoalStatus::STATUS_EXECUTING;
-        self.goals.insert(request.id, Goal { accepted, status, result: None, ended_ns: 0, waiting: Vec::new() });
+        self.undecided.remove(&request.id);
+        if let Err(error) = self.goals.accept(request.id, accepted).and_then(|()| self.goals.start(request.id)) {
+            // Identifiers in use never become a request.
+            tracing::error!("{error}");
+        }
+        io.reply(&self.ports.send_goal, request.asker, &(true, accepted).into());
         self.changed = true;
         self.publish_status(io);
     }
 
     /// Refuses a goal, and logs why: the answer itself has no room for a reason.
     pub fn reject(&mut self, io: &mut StepIo, request: GoalRequest<A>, reason: &str) {
-        tracing::warn!("rejected a goal: {reason}");
+        tracing::warn!("rejected goal {}: {reason}", request.id);
+        self.undecided.remove(&request.id);
         io.reply(&self.ports.send_goal, request.asker, &(false, io.stamp()).into());
     }
 
     /// Tells how far a goal is.
     pub fn feedback(&self, io: &mut StepIo, id: GoalId, feedback: A::Feedback) {
-        io.publish(&self.ports.feedback, &(UUID { uuid: id }, feedback).into());
+        io.publish(&self.ports.feedback, &(UUID::from(id), feedback).into());
     }
 
     /// Ends a goal. A goal that is unknown or has ended stays as it is.
     pub fn finish(&mut self, io: &mut StepIo, id: GoalId, end: GoalEnd, result: A::Result) {
-        let Some(goal) = self.goals.get_mut(&id).filter(|goal| goal.result.is_none()) else { return };
-        goal.status = end.status();
-        goal.ended_ns = io.now_ns();
-        for asker in goal.waiting.drain(..) {
-            io.reply(&self.ports.get_result, asker, &(goal.status, result.clone()).into());
+        if end == GoalEnd::Canceled {
+            // A node may cancel a goal that no client wants cancelled, such as one that another goal replaces; when a
+            // client does, the goal is canceling already.
+            let _ = self.goals.begin_cancel(id);
         }
-        goal.result = Some(result);
-        self.changed = true;
-        self.publish_status(io);
+        match self.goals.finish(id, end.status(), result.clone(), now(io)) {
+            Ok(waiting) => {
+                for asker in waiting {
+                    io.reply(&self.ports.get_result, asker, &(end.status() as i8, result.clone()).into());
+                }
+                self.changed = true;
+                self.publish_status(io);
+            }
+            Err(error) => tracing::warn!("{error}"),
+        }
     }
 
-    /// Marks the goals that a request selects as canceling: one, all, or all accepted up to a time.
-    fn cancel(&mut self, request: &CancelGoalRequest) -> (CancelGoalResponse, Vec<GoalId>) {
-        let GoalInfo { goal_id, stamp } = &request.goal_info;
-        let (any_id, any_time) = (goal_id.uuid == [0; 16], ns_of_stamp(stamp) == 0);
-        let selected = |id: &GoalId, accepted: &Time| {
-            let by_time = !any_time && ns_of_stamp(accepted) <= ns_of_stamp(stamp);
-            if any_id { any_time || by_time } else { *id == goal_id.uuid || by_time }
-        };
-        let mut response = CancelGoalResponse { return_code: CancelGoalResponse::ERROR_NONE, ..Default::default() };
-        let mut canceling = Vec::new();
-        for (id, goal) in &mut self.goals {
-            if goal.result.is_none() && selected(id, &goal.accepted) {
-                goal.status = GoalStatus::STATUS_CANCELING;
+    /// Marks the goals that a request means as canceling.
+    fn cancel(&mut self, request: &CancelGoalRequest) -> CancelGoalResponse {
+        match self.goals.to_cancel(request) {
+            Ok(meant) => {
+                let canceling = meant.into_iter().filter(|id| self.goals.begin_cancel(*id).is_ok());
+                let canceling: Vec<GoalId> = canceling.collect();
                 self.changed = true;
-                canceling.push(*id);
-                response.goals_canceling.push(GoalInfo { goal_id: UUID { uuid: *id }, stamp: goal.accepted.clone() });
+                let goals_canceling = canceling.into_iter().filter_map(|id| self.goals.info(id)).collect();
+                CancelGoalResponse { return_code: CancelGoalResponse::ERROR_NONE, goals_canceling }
+            }
+            Err(reason) => {
+                let return_code = match reason {
+                    NothingToCancel::UnknownGoal => CancelGoalResponse::ERROR_UNKNOWN_GOAL_ID,
+                    NothingToCancel::Terminated => CancelGoalResponse::ERROR_GOAL_TERMINATED,
+                    // As rclcpp answers: all of no goals are canceling.
+                    NothingToCancel::NoneRunning => CancelGoalResponse::ERROR_NONE,
+                };
+                CancelGoalResponse { return_code, goals_canceling: Vec::new() }
             }
         }
-        if canceling.is_empty() && !any_id {
-            response.return_code = match self.goals.get(&goal_id.uuid) {
-                None => CancelGoalResponse::ERROR_UNKNOWN_GOAL_ID,
-                Some(_) => CancelGoalResponse::ERROR_GOAL_TERMINATED,
-            };
-        }
-        (response, canceling)
-    }
-
-    fn expire(&mut self, now_ns: u64) {
-        let before = self.goals.len();
-        self.goals.retain(|_, goal| goal.result.is_none() || now_ns < goal.ended_ns + RESULT_LIFETIME_NS);
-        self.changed |= self.goals.len() != before;
     }
 
     fn publish_status(&mut self, io: &mut StepIo) {
-        if !std::mem::take(&mut self.changed) {
-            return;
+        if std::mem::take(&mut self.changed) {
+            let status_list = self.goals.statuses().collect();
+            io.publish(&self.ports.status, &GoalStatusArray { status_list });
         }
-        let status_list = self.goals.iter().map(|(id, goal)| GoalStatus {
-            goal_info: GoalInfo { goal_id: UUID { uuid: *id }, stamp: goal.accepted.clone() },
-            status: goal.status,
-        });
-        io.publish(&self.ports.status, &GoalStatusArray { status_list: status_list.collect() });
     }
+}
+
+/// The present, on the clock that results expire by.
+fn now(io: &StepIo) -> Duration {
+    Duration::from_nanos(io.now_ns())
 }
 
 /// What an action client hears of its goals.
@@ -266,13 +261,13 @@ impl<A: Action> ActionClient<A> {
 
     /// Asks for a goal under an identifier the caller chooses; in a repeatable run it comes from a seeded generator.
     pub fn send(&mut self, io: &mut StepIo, id: GoalId, goal: A::Goal) {
-        let call = io.call(&self.ports.send_goal, &(UUID { uuid: id }, goal).into());
+        let call = io.call(&self.ports.send_goal, &(UUID::from(id), goal).into());
         self.sent.insert(call, id);
     }
 
     /// Asks for a goal to end.
     pub fn cancel(&mut self, io: &mut StepIo, id: GoalId) {
-        let goal_info = GoalInfo { goal_id: UUID { uuid: id }, stamp: Time::default() };
+        let goal_info = GoalInfo { goal_id: id.into(), stamp: Time::default() };
         io.call(&self.ports.cancel, &CancelGoalRequest { goal_info });
     }
 
@@ -283,7 +278,7 @@ impl<A: Action> ActionClient<A> {
             let Some(id) = self.sent.remove(&call) else { continue };
             let (accepted, _): (bool, Time) = response.into();
             if accepted {
-                let call = io.call(&self.ports.get_result, &UUID { uuid: id }.into());
+                let call = io.call(&self.ports.get_result, &UUID::from(id).into());
                 self.asked.insert(call, id);
                 events.push(ClientEvent::Accepted(id));
             } else {
@@ -292,22 +287,21 @@ impl<A: Action> ActionClient<A> {
         }
         for message in io.take(&self.ports.feedback) {
             let (id, feedback): (UUID, A::Feedback) = message.into();
-            if self.sent.values().chain(self.asked.values()).any(|known| *known == id.uuid) {
-                events.push(ClientEvent::Feedback(id.uuid, feedback));
+            let id = GoalId::from(id);
+            if self.sent.values().chain(self.asked.values()).any(|known| *known == id) {
+                events.push(ClientEvent::Feedback(id, feedback));
             }
         }
         for (call, response) in io.replies(&self.ports.get_result) {
             let Some(id) = self.asked.remove(&call) else { continue };
             let (status, result): (i8, A::Result) = response.into();
-            let end = match status {
-                GoalStatus::STATUS_SUCCEEDED => Some(GoalEnd::Succeeded),
-                GoalStatus::STATUS_CANCELED => Some(GoalEnd::Canceled),
-                GoalStatus::STATUS_ABORTED => Some(GoalEnd::Aborted),
-                _ => None,
-            };
+            let end = GoalEnd::of_status(GoalStatus::from_number(status));
             events.push(ClientEvent::Finished(id, end, result));
         }
         io.replies(&self.ports.cancel);
         events
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -4,12 +4,15 @@ mod action;
 mod ports;
 mod step;
 
+use std::time::Duration;
+
+pub use crate::action::GoalId;
 pub use action::{
-    ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, ClientEvent, GoalEnd, GoalId, GoalRequest, ServerEvent,
+    ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, ClientEvent, GoalEnd, GoalRequest, ServerEvent,
 };
 pub use ports::{Client, Declare, Interface, Latency, Port, PortKind, Publisher, Server, Subscriber};
-pub use step::{Asker, CallId, StepIo, ns_of_stamp, stamp_of_ns};
 pub(crate) use step::{Arrival, AskerInner, Output, split_call, with_call};
+pub use step::{Asker, CallId, StepIo, ns_of_stamp, stamp_of_ns};
 
 /// Why a node cannot start or go on.
 #[derive(Debug, thiserror::Error)]
@@ -37,6 +40,9 @@ pub trait FeederNode: Sized + Send + 'static {
 
     /// The namespaces this configuration asks for a node in, such as `/feeder`; one node lives in each.
     fn namespaces(config: &Self::Config) -> Vec<String>;
+
+    /// How often the node steps: in a simulated run as its clock says, against the wall clock in real time.
+    fn tick(config: &Self::Config) -> Duration;
 
     /// Declares its ports. [`Declare::namespace`] tells which of its namespaces the node lives in.
     fn declare(io: &mut Declare, config: &Self::Config) -> Self::Ports;

@@ -47,6 +47,7 @@ pub(crate) enum Output {
 #[derive(Debug)]
 pub struct StepIo {
     tick: u64,
+    now_ns: u64,
     tick_ns: u64,
     arrivals: Vec<VecDeque<Arrival>>,
     pub(crate) outputs: Vec<Output>,
@@ -60,6 +61,7 @@ impl StepIo {
     pub(crate) fn new(ports: usize, tick_ns: u64) -> Self {
         Self {
             tick: 0,
+            now_ns: 0,
             tick_ns,
             arrivals: (0..ports).map(|_| VecDeque::new()).collect(),
             outputs: Vec::new(),
@@ -70,8 +72,9 @@ impl StepIo {
         }
     }
 
-    pub(crate) fn begin(&mut self, tick: u64) {
+    pub(crate) fn begin(&mut self, tick: u64, now_ns: u64) {
         self.tick = tick;
+        self.now_ns = now_ns;
     }
 
     pub(crate) fn arrive(&mut self, port: usize, arrival: Arrival) {
@@ -96,7 +99,7 @@ impl StepIo {
         self.wanted[publisher.port]
     }
 
-    /// The tick being stepped, counted from the start of the run.
+    /// The tick being stepped, counted from the start of the run; against the wall clock, from the start of the node.
     #[must_use]
     pub fn tick(&self) -> u64 {
         self.tick
@@ -110,16 +113,16 @@ impl StepIo {
         ns * 1e-9
     }
 
-    /// The present, ns since the start of the run.
+    /// The present, ns since the start of the run; against the wall clock, since 1970 (UTC), as stamps count in ROS.
     #[must_use]
     pub fn now_ns(&self) -> u64 {
-        self.tick * self.tick_ns
+        self.now_ns
     }
 
-    /// The present, s since the start of the run.
+    /// The present, s; see [`now_ns`](Self::now_ns).
     #[must_use]
     pub fn now_s(&self) -> f64 {
-        #[expect(clippy::cast_precision_loss, reason = "exact for 104 days of simulated time")]
+        #[expect(clippy::cast_precision_loss, reason = "exact for 104 days of simulated time, wall time to 0.3 µs")]
         let ns = self.now_ns() as f64;
         ns * 1e-9
     }

@@ -1,0 +1,145 @@
+use std::sync::mpsc::channel;
+
+use minifactory_msgs::geometry_msgs::msg::Point;
+use minifactory_msgs::std_srvs::srv::Trigger;
+
+use super::*;
+use crate::dds::Qos;
+use crate::lockstep::LoopTiming;
+use crate::node::{Client, Declare, Latency, Publisher, Server, Subscriber};
+
+const TICK_NS: u64 = 10_000_000;
+
+/// A node of one port, that dawdles in each step.
+struct Toy(Option<Duration>);
+
+/// All kinds of ports, some of them used.
+enum Ports {
+    Publish(Publisher<Point>),
+    Subscribe(Subscriber<Point>),
+    Serve(Server<Trigger>),
+    Call(Client<Trigger>),
+}
+
+#[derive(Default, Clone)]
+struct NoConfig;
+
+impl std::str::FromStr for NoConfig {
+    type Err = std::convert::Infallible;
+
+    fn from_str(_: &str) -> Result<Self, Self::Err> {
+        Ok(Self)
+    }
+}
+
+impl FeederNode for Toy {
+    const NAME: &'static str = "toy";
+    type Config = NoConfig;
+    type Ports = Ports;
+
+    fn namespaces(_: &NoConfig) -> Vec<String> {
+        vec!["/".into()]
+    }
+
+    fn tick(_: &NoConfig) -> Duration {
+        Duration::from_nanos(TICK_NS)
+    }
+
+    fn declare(io: &mut Declare, _: &NoConfig) -> Ports {
+        Ports::Publish(io.publisher("x", Qos::command()))
+    }
+
+    fn open(_: Ports, _: &NoConfig) -> Result<Self, NodeError> {
+        Ok(Self(None))
+    }
+
+    fn step(&mut self, _: &mut StepIo) -> Result<(), NodeError> {
+        self.0.into_iter().for_each(std::thread::sleep);
+        Ok(())
+    }
+}
+
+/// Keeps what is sent.
+#[derive(Clone, Default)]
+struct Kept(Arc<std::sync::Mutex<Vec<LoopStatus>>>);
+
+impl Links for Kept {
+    fn send_bundle(&mut self, _: usize, _: LoopBundle) -> Result<(), RunError> {
+        Ok(())
+    }
+
+    fn send_status(&mut self, status: LoopStatus) -> Result<(), RunError> {
+        self.0.lock().unwrap().push(status);
+        Ok(())
+    }
+}
+
+fn interface(declare: impl FnOnce(&mut Declare) -> Ports) -> Interface {
+    let mut io = Declare::new("/");
+    declare(&mut io);
+    io.finish()
+}
+
+fn contract(nodes: &[(String, Interface)]) -> LoopContract {
+    let timing = LoopTiming { tick_ns: TICK_NS, forward_delay_ticks: 1, feedback_delay_ticks: 10, window_ticks: 40 };
+    LoopContract::connect(7, timing, nodes).unwrap()
+}
+
+fn runner(contract: &LoopContract, interface: Interface, links: Kept) -> Result<Runner<Toy, Kept>, LoopError> {
+    let digest = Digest::new(None, "/b", &[]);
+    Runner::new(Toy(None), "/b".into(), interface, contract, links, None, digest)
+}
+
+/// A clock that hears nothing for a while takes a node for dead.
+#[test]
+fn regress_a_node_reports_also_while_its_steps_are_slow() {
+    let alone = interface(|io| Ports::Publish(io.publisher("x", Qos::command())));
+    let contract = contract(&[("/b".into(), alone.clone())]);
+    let kept = Kept::default();
+    let mut runner = runner(&contract, alone, kept.clone()).unwrap();
+    runner.node.0 = Some(HEARTBEAT_PERIOD);
+    let (sender, inbox) = channel();
+    // The window ends far behind the third step, and a quarter of it too.
+    let grant = LoopGrant { run_id: 7, until_tick: 40, end_tick: 3, ended: false };
+    sender.send(Incoming::Grant(grant.clone())).unwrap();
+    let stop = Arc::new(AtomicBool::new(false));
+    let clock = std::thread::spawn({
+        let kept = kept.clone();
+        move || {
+            while kept.0.lock().unwrap().iter().all(|status| status.tick < 3) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            sender.send(Incoming::Grant(LoopGrant { ended: true, ..grant })).unwrap();
+        }
+    });
+    runner.run(&inbox, &stop).unwrap();
+    clock.join().unwrap();
+    let statuses = kept.0.lock().unwrap();
+    for tick in 1..=3 {
+        assert!(statuses.iter().any(|status| status.tick == tick), "nothing was said after step {tick}");
+    }
+    let last = statuses.last().unwrap();
+    assert!(last.finished && last.error.is_empty(), "{last:?}");
+}
+
+#[test]
+fn a_contract_made_for_other_ports_is_refused() {
+    let publisher = ("/a".to_owned(), interface(|io| Ports::Publish(io.publisher("x", Qos::command()))));
+    let subscribes = interface(|io| Ports::Subscribe(io.subscriber("x", Latency::Forward, Qos::command())));
+    let contract = contract(&[publisher, ("/b".into(), subscribes.clone())]);
+    let misfit = |name: &str| Some(LoopError::Misfit { node: "/b".into(), name: name.into() });
+    let refused = |interface| runner(&contract, interface, Kept::default()).err();
+    assert_eq!(refused(subscribes), None);
+    assert_eq!(refused(Interface::default()), misfit("/x"));
+    assert_eq!(refused(interface(|io| Ports::Publish(io.publisher("x", Qos::command())))), misfit("/x"));
+    let both = interface(|io| {
+        io.subscriber::<Point>("x", Latency::Forward, Qos::command());
+        Ports::Call(io.client("go", Latency::Forward))
+    });
+    assert_eq!(refused(both), misfit("/go"));
+    let serves_too = interface(|io| {
+        io.subscriber::<Point>("x", Latency::Forward, Qos::command());
+        Ports::Serve(io.server("go"))
+    });
+    assert_eq!(refused(serves_too), None, "a service without clients in the loop is no misfit");
+}
