@@ -234,7 +234,7 @@ fn start_monitor(seat: &Seat, scenario: &Scenario, progress: Arc<Mutex<Progress>
     let mut declare = Declare::new(&seat.namespace);
     let ports = RunMonitor::declare(&mut declare, scenario);
     let monitor = RunMonitor::watched(ports, scenario, progress);
-    let seat = seat.clone();
+    let (seat, scenario) = (seat.clone(), scenario.clone());
     let thread = std::thread::Builder::new().name(RunMonitor::NAME.to_owned());
-    Ok(thread.spawn(move || run_opened(&seat, monitor, RunMonitor::NAME, declare.finish()))?)
+    Ok(thread.spawn(move || run_opened(&seat, monitor, &scenario, declare.finish()))?)
 }

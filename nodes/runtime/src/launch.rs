@@ -2,14 +2,16 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
+use crate::clock::Clock;
 use crate::dds::{Domain, NodeName, Participant};
 use crate::digest::Digest;
+use crate::housekeeping::{Housekeeping, parameters_of};
 use crate::lockstep::{DdsLinks, LoopContract, RunError, Runner};
-use crate::node::{Declare, FeederNode, Interface, NodeError};
+use crate::node::{Declare, FeederNode, Interface, NodeError, stamp_of_ns};
 use crate::public::PublicSide;
 
 /// Full name of the node `name` in `namespace`.
@@ -54,21 +56,35 @@ pub fn run_in_loop<N: FeederNode>(seat: &Seat, config: &N::Config) -> Result<(),
     let ports = N::declare(&mut declare, config);
     let interface = declare.finish();
     let node = N::open(ports, config).map_err(RunError::Node)?;
-    run_opened(seat, node, N::NAME, interface)
+    run_opened(seat, node, config, interface)
 }
 
 /// Runs a node that its caller has opened itself; see [`run_in_loop`].
 ///
 /// # Errors
 /// As [`run_in_loop`].
-pub fn run_opened<N: FeederNode>(seat: &Seat, node: N, name: &str, interface: Interface) -> Result<(), RunError> {
-    let full_name = full_name(&seat.namespace, name);
-    let participant = Participant::open(&seat.domain, &NodeName::new(&seat.namespace, name)?)?;
+pub fn run_opened<N: FeederNode>(
+    seat: &Seat,
+    node: N,
+    config: &N::Config,
+    interface: Interface,
+) -> Result<(), RunError> {
+    let full_name = full_name(&seat.namespace, N::NAME);
+    let participant = Participant::open(&seat.domain, &NodeName::new(&seat.namespace, N::NAME)?)?;
+    let now_ns = Arc::new(AtomicU64::new(0));
+    let clock: Clock = Arc::new({
+        let now_ns = Arc::clone(&now_ns);
+        move || stamp_of_ns(now_ns.load(Ordering::Relaxed))
+    });
+    let parameters = parameters_of(config, true).map_err(RunError::Node)?;
+    let _housekeeping = Housekeeping::open(&participant, parameters, &clock)?;
+    // What this thread logs is this node's, also where several share a process.
+    let _span = tracing::info_span!("node", node = %participant.node()).entered();
     let (sender, inbox) = channel();
     let links = DdsLinks::open(&participant, &seat.contract, &full_name, &sender)?;
     let public = PublicSide::open(&participant, &interface, &sender)?;
     let digest = Digest::new(seat.digest_dir.as_deref(), &full_name, &seat.contract.shared_topics);
-    Runner::new(node, full_name, interface, &seat.contract, links, Some(public), digest)?.run(&inbox, &seat.stop)
+    Runner::new(node, full_name, interface, &seat.contract, links, Some(public), digest)?.timed(now_ns).run(&inbox, &seat.stop)
 }
 
 /// Reads a configuration: the file's, or the built-in one.

@@ -9,6 +9,7 @@ pub mod cdr;
 pub mod clock;
 pub mod dds;
 pub mod digest;
+mod housekeeping;
 pub mod launch;
 pub mod lockstep;
 pub mod node;
@@ -19,4 +20,5 @@ pub mod rosout;
 pub mod service;
 pub mod testing;
 
-pub use program::{log_to_stderr, main, main_with};
+pub use housekeeping::start_logging;
+pub use program::{main, main_with};

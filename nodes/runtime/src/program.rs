@@ -7,9 +7,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::Parser;
-use tracing_subscriber::EnvFilter;
 
 use crate::dds::Domain;
+use crate::housekeeping::start_logging;
 use crate::launch::{Seat, read_config, run_in_loop};
 use crate::lockstep::{LoopContract, RunError};
 use crate::node::{FeederNode, NodeError};
@@ -49,7 +49,7 @@ pub fn main_with<N: FeederNode>(arguments: Vec<OsString>) -> ExitCode {
             return if error.use_stderr() { ExitCode::FAILURE } else { ExitCode::SUCCESS };
         }
     };
-    log_to_stderr();
+    start_logging();
     match run::<N>(options) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -57,14 +57,6 @@ pub fn main_with<N: FeederNode>(arguments: Vec<OsString>) -> ExitCode {
             ExitCode::FAILURE
         }
     }
-}
-
-/// Sends log messages to standard error. `RUST_LOG` chooses others than the default ones.
-pub fn log_to_stderr() {
-    // What the DDS library reports as errors are mostly peers that come and go.
-    const DEFAULT: &str = "info,rustdds=off,ros2_client=off,mio=off";
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(DEFAULT));
-    tracing_subscriber::fmt().with_writer(std::io::stderr).with_target(false).with_env_filter(filter).init();
 }
 
 fn run<N: FeederNode>(options: Options) -> Result<(), RunError> {

@@ -1,7 +1,7 @@
 //! Runs one node in the loop: receives bundles and grants, steps, sends. The only place where the loop meets threads.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
@@ -101,6 +101,7 @@ pub(crate) struct Runner<N, L> {
     /// When the clock was last heard, or the node began to listen.
     clock_at: Instant,
     started: bool,
+    now_ns: Arc<AtomicU64>,
 }
 
 struct Routing {
@@ -145,10 +146,16 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             digest,
             status_period_ticks: (contract.timing.window_ticks / 4).max(1),
             goal_tick: LoopStatus::NO_GOAL,
+            now_ns: Arc::default(),
             said_at: Instant::now(),
             clock_at: Instant::now(),
             started: false,
         })
+    }
+
+    /// Keeps the present, ns since the start of the run, where others can read it.
+    pub(crate) fn timed(self, now_ns: Arc<AtomicU64>) -> Self {
+        Self { now_ns, ..self }
     }
 
     /// Runs until the clock ends the run, and tells the clock about any failure.
@@ -239,6 +246,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
     fn step(&mut self) -> Result<(), RunError> {
         let tick = self.engine.next_tick();
         self.io.begin(tick, tick * self.tick_ns);
+        self.now_ns.store(self.io.now_ns(), Ordering::Relaxed);
         self.note_what_is_wanted();
         for input in self.engine.inputs() {
             let (port, carries) = self.routing.arrivals[input.edge][usize::from(input.port)];
