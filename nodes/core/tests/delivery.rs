@@ -2,8 +2,10 @@
 #![expect(clippy::unwrap_used, reason = "what fails to set up fails the test")]
 
 use std::collections::{BTreeMap, VecDeque};
+use std::f64::consts::TAU;
 use std::time::Duration;
 
+use feeder_core::courier::plant::PlantParameters;
 use feeder_core::courier::{
     CourierConfig, CourierDriver, CourierLimits, DriverEvent, GoalHandle, GoalOutcome, Load, VibrationPhase,
 };
@@ -11,6 +13,8 @@ use feeder_core::delivery::{
     Candidate, CandidateFrame, CourierReport, DeliveryConfig, DeliveryId, DeliveryRequest, DeliverySequencer, Failure,
     GentleParameters, MoveId, MovePlanner, Output, Phase, Policy, Refusal, Stamp, Warning, holding_acceleration_m_s2,
 };
+use feeder_core::mechanics::Friction;
+use feeder_core::mechanics::annular::{AnnularTrack, PartState};
 use feeder_core::tray::TrayGeometry;
 use feeder_core::waveform::{Axis, Waveform};
 use nalgebra::{Vector2, Vector3};
@@ -105,6 +109,42 @@ fn a_move_that_cannot_be_is_refused_with_the_reason() {
     assert!(refused(Vector3::zeros(), &[]).contains("already"));
     assert!(refused(Vector3::new(0.1, 0.0, 0.01), &[]).contains("yaw"));
     assert!(refused(Vector3::new(0.1, 0.0, 0.0), &[half_way_up(0.031)]).contains("at rest"));
+}
+
+/// Largest displacement of a part in the tray while the courier moves, m.
+fn slip_m(plant: PlantParameters, friction_share: f64, to: Vector3<f64>, part: Vector2<f64>, seed: u64) -> f64 {
+    let config = CourierConfig { plant, ..CourierConfig::default() };
+    let mut driver = CourierDriver::simulated(config, seed).unwrap();
+    let gentle = GentleParameters { friction_share, ..GentleParameters::default() };
+    let plan = planner(gentle).plan(Vector3::zeros(), to, &[part]).unwrap();
+    driver.execute(1, &plan.trajectory()).unwrap();
+    let friction = Friction::uniform(gentle.friction).unwrap();
+    let track = AnnularTrack::new(TrayGeometry::PAPER, friction, gentle.gravity_m_s2).unwrap();
+    let start = PartState::at_rest(part.norm(), part.y.atan2(part.x).rem_euclid(TAU));
+    let (mut state, mut slip_m) = (start, 0.0_f64);
+    for sample in driver.step(3000).block.samples {
+        track.step(&mut state, &sample, 0.5e-3);
+        let along_m = (state.angle_rad - start.angle_rad) * start.radius_m;
+        slip_m = slip_m.max(along_m.hypot(state.radius_m - start.radius_m));
+    }
+    slip_m
+}
+
+#[test]
+fn verif_parts_stay_where_they_are_and_slide_when_the_limit_is_set_too_high() {
+    let parts = [Vector2::new(0.0, -0.07), Vector2::new(0.05, -0.03), half_way_up(0.085)];
+    for (index, part) in parts.into_iter().enumerate() {
+        for (x_m, y_m) in [(0.3, 0.0), (-0.3, 0.0), (0.2, -0.2), (0.05, 0.02)] {
+            let to = Vector3::new(x_m, y_m, 0.0);
+            // 10 µm is required; the assumed plant's noise and lag cost a few.
+            for plant in [PlantParameters::IDEAL, PlantParameters::ASSUMED] {
+                let slip_m = slip_m(plant, 0.97, to, part, index as u64);
+                assert!(slip_m <= 10e-6, "{part} {to}: {slip_m}");
+            }
+            let slip_m = slip_m(PlantParameters::ASSUMED, 1.2, to, part, index as u64);
+            assert!(slip_m > 0.1e-3, "{part} {to}: {slip_m}");
+        }
+    }
 }
 
 proptest! {

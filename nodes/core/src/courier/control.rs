@@ -36,7 +36,7 @@ pub struct ControlParameters {
 
 impl Default for ControlParameters {
     fn default() -> Self {
-        Self { bandwidth_hz: 20.0, damping_ratio: 0.9, velocity_filter_hz: 500.0, feed_forward: true }
+        Self { bandwidth_hz: 20.0, damping_ratio: 0.9, velocity_filter_hz: 200.0, feed_forward: true }
     }
 }
 
