@@ -211,7 +211,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             let tick = self.engine.next_tick();
             let at_the_limit = matches!(self.engine.blocked(), Some(Blocked::Grant | Blocked::Ended));
             self.flush(at_the_limit)?;
-            if tick.is_multiple_of(self.status_period_ticks) || at_the_limit || self.goal_tick + 1 == tick {
+            if tick.is_multiple_of(self.status_period_ticks) || at_the_limit || tick.checked_sub(1) == Some(self.goal_tick) {
                 self.links.send_status(self.status())?;
             }
         }
