@@ -1,40 +1,25 @@
 //! The subcommands that compute, run as a user runs them.
-
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
 use serde_json::Value;
 
 fn feeder(arguments: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_feeder"))
-        .args(arguments.split_whitespace())
-        .output()
-        .unwrap()
+    Command::new(env!("CARGO_BIN_EXE_feeder")).args(arguments.split_whitespace()).output().unwrap()
 }
 
 /// The JSON that a successful run prints.
 #[track_caller]
 fn json(arguments: &str) -> Value {
     let output = feeder(arguments);
-    assert!(
-        output.status.success(),
-        "{arguments}: {}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
 #[track_caller]
 fn assert_near(value: &Value, expected: f64, tolerance: f64) {
-    let number = value
-        .as_f64()
-        .unwrap_or_else(|| panic!("{value} is no number"));
-    assert!(
-        (number - expected).abs() <= tolerance,
-        "{number} instead of {expected}"
-    );
+    let number = value.as_f64().unwrap_or_else(|| panic!("{value} is no number"));
+    assert!((number - expected).abs() <= tolerance, "{number} instead of {expected}");
 }
 
 fn scratch_file(name: &str, text: &str) -> PathBuf {
@@ -45,16 +30,13 @@ fn scratch_file(name: &str, text: &str) -> PathBuf {
 
 #[test]
 fn val_feed_rate_of_fig_6_and_fig_8() {
-    let fig6 =
-        json("feed-rate --waveform stick-slip --period 0.05 --a-min 1.6 --a-max 10.1 --mu 0.2");
+    let fig6 = json("feed-rate --waveform stick-slip --period 0.05 --a-min 1.6 --a-max 10.1 --mu 0.2");
     assert_near(&fig6["feed_m_s"], 12.497_348_555_742_7e-3, 1e-14);
     assert_near(&fig6["equation_m_s"], 12.497_348_555_742_7e-3, 1e-14);
     assert_near(&fig6["min_normal_over_weight"], 1.0, 0.0);
     assert!(fig6["cycle_mean_m_s"].is_null() && fig6["cycles"].is_u64());
 
-    let fig8 = json(
-        "feed-rate --waveform coulomb-pump --period 0.05 --a-max 10.3 --z 0.37 --from-rest world",
-    );
+    let fig8 = json("feed-rate --waveform coulomb-pump --period 0.05 --a-max 10.3 --z 0.37 --from-rest world");
     assert_near(&fig8["feed_m_s"], 17.625_875e-3, 1e-14);
     let means = fig8["cycle_mean_m_s"].as_array().unwrap();
     assert!(means.len() >= 20);
@@ -65,47 +47,30 @@ fn val_feed_rate_of_fig_6_and_fig_8() {
 
 #[test]
 fn closed_forms_are_null_outside_their_range() {
-    let beyond =
-        json("feed-rate --waveform stick-slip --period 0.05 --a-min 2.5 --a-max 10.1 --mu 0.2");
+    let beyond = json("feed-rate --waveform stick-slip --period 0.05 --a-min 2.5 --a-max 10.1 --mu 0.2");
     assert!(beyond["equation_m_s"].is_null() && beyond["feed_m_s"].is_f64());
-    let ramp = json(
-        "feed-rate --waveform stick-slip --period 0.05 --a-min 1.6 --a-max 10.1 --slope-deg 2",
-    );
+    let ramp = json("feed-rate --waveform stick-slip --period 0.05 --a-min 1.6 --a-max 10.1 --slope-deg 2");
     assert!(ramp["equation_m_s"].is_null() && ramp["feed_m_s"].is_f64());
-    let runaway = json(
-        "feed-rate --waveform stick-slip --period 0.05 --a-min 1.6 --a-max 10.1 --slope-deg 20",
-    );
+    let runaway = json("feed-rate --waveform stick-slip --period 0.05 --a-min 1.6 --a-max 10.1 --slope-deg 20");
     assert!(runaway["feed_m_s"].is_null());
     let optimal = json("feed-rate --waveform optimal --period 0.0333 --a-max 11.772 --slope-deg 4");
-    assert_near(
-        &optimal["equation_m_s"],
-        optimal["feed_m_s"].as_f64().unwrap(),
-        1e-13,
-    );
+    assert_near(&optimal["equation_m_s"], optimal["feed_m_s"].as_f64().unwrap(), 1e-13);
 }
 
 #[test]
 fn feed_rate_reads_a_waveform_from_a_file() {
-    let text = "axis: x\nsegments:\n  - {duration_s: 0.03, acceleration: 1.0}\n  - {duration_s: 0.01, acceleration: -3.0}\n";
+    let text =
+        "axis: x\nsegments:\n  - {duration_s: 0.03, acceleration: 1.0}\n  - {duration_s: 0.01, acceleration: -3.0}\n";
     let path = scratch_file("waveform.yaml", text);
     let report = json(&format!("feed-rate --waveform {}", path.display()));
     let same = json("feed-rate --waveform stick-slip --period 0.04 --a-min 1 --a-max 3");
-    assert_near(
-        &report["feed_m_s"],
-        same["feed_m_s"].as_f64().unwrap(),
-        1e-15,
-    );
+    assert_near(&report["feed_m_s"], same["feed_m_s"].as_f64().unwrap(), 1e-15);
 
-    let output = feeder(&format!(
-        "tray-map --waveform {} --radius 0.08",
-        path.display()
-    ));
+    let output = feeder(&format!("tray-map --waveform {} --radius 0.08", path.display()));
     assert!(!output.status.success() && String::from_utf8_lossy(&output.stderr).contains("yaw"));
     let open = scratch_file("open.yaml", &text.replace("-3.0", "-2.9"));
     let output = feeder(&format!("feed-rate --waveform {}", open.display()));
-    assert!(
-        !output.status.success() && String::from_utf8_lossy(&output.stderr).contains("velocity")
-    );
+    assert!(!output.status.success() && String::from_utf8_lossy(&output.stderr).contains("velocity"));
 }
 
 #[test]
@@ -118,26 +83,11 @@ fn val_tray_map_of_fig_15() {
     let radii = map["radii"].as_array().unwrap();
     // Along the slope the table has 2.197 and 0.292 mm/s; ψ̇ = v cos φ/r.
     assert_near(&radii[0]["radius_m"], 0.09, 0.0);
-    assert_near(
-        &radii[0]["ramp_rad_s"],
-        1.395_041_951_f64.to_radians(),
-        1e-9,
-    );
-    assert_near(
-        &radii[0]["plateau_rad_s"],
-        5.541_297_313_f64.to_radians(),
-        1e-9,
-    );
-    assert_near(
-        &radii[1]["ramp_rad_s"],
-        0.276_934_907_f64.to_radians(),
-        1e-9,
-    );
+    assert_near(&radii[0]["ramp_rad_s"], 1.395_041_951_f64.to_radians(), 1e-9);
+    assert_near(&radii[0]["plateau_rad_s"], 5.541_297_313_f64.to_radians(), 1e-9);
+    assert_near(&radii[1]["ramp_rad_s"], 0.276_934_907_f64.to_radians(), 1e-9);
     assert_near(&radii[1]["radial_drift_m_s"], 0.8e-6, 0.2e-6);
-    assert!(
-        radii[2]["ramp_rad_s"].is_null(),
-        "below 31.8 mm parts slide even at rest"
-    );
+    assert!(radii[2]["ramp_rad_s"].is_null(), "below 31.8 mm parts slide even at rest");
 }
 
 #[test]
@@ -150,29 +100,14 @@ fn bad_input_names_the_parameter_and_its_range() {
         (stick_slip.to_string(), "--a-max"),
         (format!("{stick_slip} --a-max 10 --mu 0"), "friction"),
         (format!("{stick_slip} --a-max 10 --mu -0.2"), "friction"),
-        (
-            format!("{stick_slip} --a-max 10 --mu 0.2 --mu-static 0.1"),
-            "static friction",
-        ),
+        (format!("{stick_slip} --a-max 10 --mu 0.2 --mu-static 0.1"), "static friction"),
         (format!("{stick_slip} --a-max 10 --slope-deg 90"), "slope"),
         (format!("{stick_slip} --a-max 10 --slope-deg NaN"), "slope"),
         (format!("{stick_slip} --a-max 10 --gravity 0"), "gravity"),
-        (
-            "feed-rate --waveform stick-slip --period 0 --a-min 1.6 --a-max 10".into(),
-            "period",
-        ),
-        (
-            "feed-rate --waveform coulomb-pump --period 0.05 --a-max 10 --z 0".into(),
-            "z = 0",
-        ),
-        (
-            "feed-rate --waveform coulomb-pump --period 0.05 --a-max 10 --z 1".into(),
-            "z = 1",
-        ),
-        (
-            "feed-rate --waveform optimal --period 0.05 --a-max 1".into(),
-            "limit",
-        ),
+        ("feed-rate --waveform stick-slip --period 0 --a-min 1.6 --a-max 10".into(), "period"),
+        ("feed-rate --waveform coulomb-pump --period 0.05 --a-max 10 --z 0".into(), "z = 0"),
+        ("feed-rate --waveform coulomb-pump --period 0.05 --a-max 10 --z 1".into(), "z = 1"),
+        ("feed-rate --waveform optimal --period 0.05 --a-max 1".into(), "limit"),
         ("feed-rate --waveform nowhere.yaml".into(), "nowhere.yaml"),
         (format!("{map} --radius 0.1"), "radius"),
         (format!("{map} --radius NaN"), "radius"),
@@ -184,9 +119,7 @@ fn bad_input_names_the_parameter_and_its_range() {
         let text = String::from_utf8_lossy(&output.stderr);
         assert!(!output.status.success(), "{arguments} succeeded");
         assert!(text.contains(parameter), "{arguments}: {text}");
-        let has_range = ["range", "needs", "readable"]
-            .iter()
-            .any(|word| text.contains(word));
+        let has_range = ["range", "needs", "readable"].iter().any(|word| text.contains(word));
         assert!(has_range && output.stdout.is_empty(), "{arguments}: {text}");
     }
 }

@@ -14,8 +14,7 @@ pub(crate) struct CheckArgs {
 
 /// Checks a file, including what only shows when the nodes are connected.
 pub(crate) fn check(args: &CheckArgs) -> anyhow::Result<()> {
-    let scenario = load(Some(&args.file))?;
-    scenario.taught_selector().with_context(|| args.file.display().to_string())?;
+    let scenario = load_taught(Some(&args.file))?;
     let contract = crate::up::connect(&scenario).with_context(|| args.file.display().to_string())?;
     println!(
         "{}: ok, {} nodes, {} parts, {} stations, {} s",
@@ -28,9 +27,20 @@ pub(crate) fn check(args: &CheckArgs) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The scenario in `file`, or the built-in one, if its part was taught: it can run.
+pub(crate) fn load_taught(file: Option<&Path>) -> anyhow::Result<Scenario> {
+    let scenario = load(file)?;
+    scenario.taught_selector().with_context(|| named(file))?;
+    Ok(scenario)
+}
+
 /// The scenario in `file`, or the built-in one.
 pub(crate) fn load(file: Option<&Path>) -> anyhow::Result<Scenario> {
     let Some(file) = file else { return Ok(Scenario::default()) };
     let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
-    text.parse().with_context(|| file.display().to_string())
+    text.parse().with_context(|| named(Some(file)))
+}
+
+fn named(file: Option<&Path>) -> String {
+    file.map_or_else(|| "the built-in scenario".to_owned(), |file| file.display().to_string())
 }

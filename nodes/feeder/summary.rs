@@ -11,7 +11,8 @@ use serde::Serialize;
 pub(crate) struct Summary {
     /// Parts that entered the plateau; one that comes round again counts again.
     fed: u32,
-    /// Distinct parts the selector saw on the plateau.
+    /// Distinct parts the selector saw on the plateau; for people only.
+    #[serde(skip)]
     seen: usize,
     /// Distinct parts the selector called right.
     selected: usize,

@@ -23,6 +23,8 @@ use crate::view::View;
 const START_UP_LIMIT: Duration = Duration::from_secs(20);
 /// How long nodes may take to leave after the end, wall time.
 const SHUT_DOWN_LIMIT: Duration = Duration::from_secs(5);
+/// How long they may take after a failure: short, as one of them may hang and the user waits for the reason.
+const FAILED_SHUT_DOWN_LIMIT: Duration = Duration::from_secs(1);
 /// How long to listen for others in the domain before starting.
 const BUSY_CHECK: Duration = Duration::from_millis(600);
 
@@ -33,16 +35,16 @@ pub(crate) struct UpArgs {
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
     /// Simulated seconds per wall second: a positive number, or max
-    #[arg(long, default_value = "max", value_parser = parse_speed, value_name = "1|N|max")]
+    #[arg(long, default_value = "max", value_parser = parse_speed, allow_negative_numbers = true, value_name = "1|N|max")]
     speed: Speed,
     /// Seed of all random numbers, instead of the scenario's
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     seed: Option<u64>,
     /// DDS domain, instead of ROS_DOMAIN_ID
-    #[arg(long, value_parser = clap::value_parser!(u16).range(0..=232))]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(0..=232), allow_negative_numbers = true)]
     domain: Option<u16>,
     /// Simulated seconds to run, instead of the scenario's
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, allow_negative_numbers = true, value_name = "SECONDS")]
     duration: Option<f64>,
     /// All nodes in this process instead of one process each
     #[arg(long)]
@@ -127,7 +129,8 @@ pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
     });
     let ended = Instant::now();
     left_early.store(result.is_err(), Ordering::Relaxed);
-    let left = crew.finish(SHUT_DOWN_LIMIT, |line| view.line(line));
+    let limit = if result.is_ok() { SHUT_DOWN_LIMIT } else { FAILED_SHUT_DOWN_LIMIT };
+    let left = crew.finish(limit, |line| view.line(line));
     let monitored = monitor.join();
     view.close();
     let tick = clock.tick();
@@ -155,7 +158,7 @@ pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
 }
 
 fn load_scenario(args: &UpArgs) -> anyhow::Result<Scenario> {
-    let mut scenario = crate::scenario_file::load(args.scenario.as_deref())?;
+    let mut scenario = crate::scenario_file::load_taught(args.scenario.as_deref())?;
     if let Some(seed) = args.seed {
         scenario.seed = seed;
     }

@@ -234,7 +234,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             let tick = self.engine.next_tick();
             let at_the_limit = matches!(self.engine.blocked(), Some(Blocked::Grant | Blocked::Ended));
             self.flush(at_the_limit)?;
-            let due = tick.is_multiple_of(self.status_period_ticks) || self.goal_tick == tick - 1;
+            let due = tick.is_multiple_of(self.status_period_ticks) || tick.checked_sub(1) == Some(self.goal_tick);
             // A node whose steps are slow is alive all the same.
             if due || at_the_limit || self.said_at.elapsed() >= HEARTBEAT_PERIOD {
                 self.tell_clock()?;

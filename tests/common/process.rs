@@ -1,0 +1,54 @@
+//! Other processes, as /proc shows them.
+
+use std::fs;
+
+use rustix::process::{Pid, Signal, kill_process};
+
+/// A process, by its number.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Process {
+    id: u32,
+}
+
+impl Process {
+    pub(crate) fn new(id: u32) -> Self {
+        Self { id }
+    }
+
+    /// Sends it a signal, if it still lives.
+    pub(crate) fn signal(self, signal: Signal) {
+        let id = i32::try_from(self.id).ok().and_then(Pid::from_raw).unwrap();
+        // One that is gone needs no signal.
+        let _ = kill_process(id, signal);
+    }
+
+    /// Its command line.
+    pub(crate) fn arguments(self) -> Vec<String> {
+        let bytes = fs::read(format!("/proc/{}/cmdline", self.id)).unwrap_or_default();
+        bytes.split(|byte| *byte == 0).map(|argument| String::from_utf8_lossy(argument).into_owned()).collect()
+    }
+
+    /// Whether it still runs; one that only waits to be taken off the list does not.
+    pub(crate) fn is_running(self) -> bool {
+        stat(self.id).is_some_and(|stat| stat.state != "Z" && stat.state != "X")
+    }
+
+    /// The processes it has started and that still run.
+    pub(crate) fn children(self) -> Vec<Self> {
+        let ids = fs::read_dir("/proc").unwrap().filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
+        let ids = ids.filter(|id| stat(*id).is_some_and(|stat| stat.parent == self.id));
+        ids.map(Self::new).filter(|child| child.is_running()).collect()
+    }
+}
+
+struct Stat {
+    state: String,
+    parent: u32,
+}
+
+fn stat(id: u32) -> Option<Stat> {
+    let text = fs::read_to_string(format!("/proc/{id}/stat")).ok()?;
+    // The name before stands in brackets and may hold anything.
+    let mut fields = text[text.rfind(')')? + 1..].split_whitespace();
+    Some(Stat { state: fields.next()?.to_owned(), parent: fields.next()?.parse().ok()? })
+}

@@ -1,0 +1,294 @@
+//! What goes wrong must be said by name: nodes that die or hang, a blind camera, bad input.
+
+use std::collections::BTreeSet;
+use std::process::Output;
+use std::time::{Duration, Instant};
+
+use feeder_core::scenario::{BUILT_IN, Scenario};
+use rustix::process::Signal;
+use tempfile::TempDir;
+
+use crate::common::{Outcome, Run, Up, feeder, output, wait_for, write};
+
+const NODES: [&str; 6] = [
+    "waveform_generator",
+    "courier_driver",
+    "part_simulator",
+    "vision_selector",
+    "delivery_planner",
+    "overhead_manipulator",
+];
+
+/// Longest time from a fault to the end of the run, wall time: a promise to the user.
+const REACTION_LIMIT: Duration = Duration::from_secs(5);
+
+/// A run that goes on until something happens to it.
+fn running() -> Run {
+    let mut run = Up::new("--duration 3600 --speed 10").start();
+    run.wait_until_simulated(Duration::from_millis(500));
+    run
+}
+
+/// Sends `signal` to a node of a run, which must end the run and name the node.
+#[track_caller]
+fn strike(node: &str, signal: Signal) -> Outcome {
+    let run = running();
+    let nodes = run.nodes();
+    assert_eq!(nodes.len(), NODES.len());
+    let struck_at = Instant::now();
+    run.node(node).signal(signal);
+    let outcome = run.outcome();
+    let took = struck_at.elapsed();
+    assert!(!outcome.status.success(), "the run without {node} went well");
+    assert!(outcome.error().contains(&format!("/{node} ")), "{node}: {}", outcome.stderr);
+    assert!(took < REACTION_LIMIT, "without {node} the run went on for {took:?}: {}", outcome.stderr);
+    assert!(nodes.iter().all(|node| !node.is_running()), "a node is left without {node}");
+    outcome
+}
+
+#[test]
+fn a_killed_node_ends_the_run_and_is_named() {
+    for node in NODES {
+        let outcome = strike(node, Signal::KILL);
+        let named: Vec<&str> = NODES.into_iter().filter(|name| outcome.error().contains(name)).collect();
+        assert_eq!(named, [node]);
+    }
+}
+
+#[test]
+fn a_hung_node_ends_the_run_and_is_named() {
+    for node in NODES {
+        strike(node, Signal::STOP);
+    }
+}
+
+#[test]
+fn a_node_that_never_comes_up_is_named() {
+    let run = Up::new("--duration 1").start();
+    let node = wait_for("the selector's process", || {
+        run.nodes().into_iter().find(|node| node.arguments().iter().any(|argument| argument == "vision_selector"))
+    });
+    node.signal(Signal::STOP);
+    let outcome = run.outcome();
+    assert!(!outcome.status.success());
+    assert!(outcome.error().contains("/feeder/vision_selector"), "{}", outcome.stderr);
+    assert!(!node.is_running());
+}
+
+#[test]
+fn nodes_leave_when_feeder_up_is_killed() {
+    let run = running();
+    let nodes = run.nodes();
+    run.process().signal(Signal::KILL);
+    wait_for("the nodes to leave", || nodes.iter().all(|node| !node.is_running()).then_some(()));
+    assert!(!run.outcome().status.success());
+}
+
+/// The selector has nothing but the image: without light nothing is selected, although parts go by.
+#[test]
+fn a_blind_camera_stops_selection() {
+    let mut scenario = Scenario::default();
+    scenario.camera.light.white_level = 0.0;
+    let outcome = Up::new("--duration 30").scenario(&scenario).success();
+    for (key, expected) in [("selected", 0.0), ("delivered", 0.0)] {
+        assert!((outcome.number(key) - expected).abs() < 0.5, "{}", outcome.summary());
+    }
+    assert!(outcome.number("fed") >= 3.0, "{}", outcome.summary());
+}
+
+#[test]
+fn a_busy_domain_is_refused_and_its_run_goes_on() {
+    let mut run = running();
+    let domain = run.domain().id.to_string();
+    let second = output(["up", "--duration", "1", "--domain", &domain]);
+    assert_refused("a second run", &second, &["busy", &domain, "--domain", "0 to 232"]);
+    run.wait_until_simulated(Duration::from_secs(10));
+    run.process().signal(Signal::INT);
+    let outcome = run.outcome();
+    assert!(outcome.status.success(), "{}", outcome.stderr);
+}
+
+/// A scenario that cannot run: what to replace in the built-in one by what, and what must be said about it.
+struct Bad {
+    what: &'static str,
+    old: &'static str,
+    new: &'static str,
+    said: &'static [&'static str],
+}
+
+const BAD_SCENARIOS: &[Bad] = &[
+    Bad {
+        what: "an unknown key",
+        old: "parts_loaded: 30",
+        new: "parts_loadde: 30",
+        said: &["parts_loadde", "parts_loaded", "line"],
+    },
+    Bad {
+        what: "an unknown key further down",
+        old: "  outer_radius_m: 0.090",
+        new: "  outer_radius_mm: 90",
+        said: &["outer_radius_mm", "outer_radius_m", "line"],
+    },
+    Bad { what: "a missing key", old: "seed: 1\n", new: "", said: &["seed", "missing"] },
+    Bad { what: "a key given twice", old: "seed: 1", new: "seed: 1\nseed: 2", said: &["seed", "duplicate", "line"] },
+    Bad { what: "a text for a number", old: "mass_kg: 0.0002", new: "mass_kg: heavy", said: &["heavy", "line"] },
+    Bad { what: "a fraction for a count", old: "parts_loaded: 30", new: "parts_loaded: 30.5", said: &["30.5", "line"] },
+    Bad { what: "a negative seed", old: "seed: 1", new: "seed: -1", said: &["-1", "line"] },
+    Bad {
+        what: "no number",
+        old: "duration_s: 60.0",
+        new: "duration_s: .nan",
+        said: &["run", "duration_s", "NaN", "above 0"],
+    },
+    Bad {
+        what: "a duration out of range",
+        old: "duration_s: 60.0",
+        new: "duration_s: -3",
+        said: &["run", "duration_s", "-3", "above 0", "86400"],
+    },
+    Bad {
+        what: "a quality out of range",
+        old: "jpeg_quality: 90",
+        new: "jpeg_quality: 0",
+        said: &["camera", "jpeg_quality", "0", "1 to 100"],
+    },
+    Bad {
+        what: "a frame period that is no multiple of the tick",
+        old: "period_ms: 100",
+        new: "period_ms: 105",
+        said: &["camera", "period_ms", "105", "tick_ms = 10"],
+    },
+    Bad {
+        what: "a window that readers cannot hold",
+        old: "window_ticks: 32",
+        new: "window_ticks: 47",
+        said: &["time", "window_ticks", "47", "4 to 46"],
+    },
+    Bad {
+        what: "a tray with its hole outside",
+        old: "inner_radius_m: 0.030",
+        new: "inner_radius_m: 0.095",
+        said: &["tray", "inner_radius", "0.095", "0.09"],
+    },
+    Bad {
+        what: "a part of no size",
+        old: "  diameter_m: 0.006\n  thickness_m",
+        new: "  diameter_m: 0\n  thickness_m",
+        said: &["diameter_m", "0"],
+    },
+    Bad {
+        what: "chances that do not add up",
+        old: "[0.35, 0.65]",
+        new: "[0.35, 0.75]",
+        said: &["dropoff_transition", "1"],
+    },
+    Bad {
+        what: "a pose that the part does not have",
+        old: "wanted_pose: hole_up",
+        new: "wanted_pose: sideways",
+        said: &["wanted_pose", "sideways", "hole_up"],
+    },
+    Bad {
+        what: "a waveform the courier cannot follow",
+        old: "limit_rad_s2: 130.0",
+        new: "limit_rad_s2: 1400.0",
+        said: &["waveform", "courier_yaw", "rad", "allowed is"],
+    },
+    Bad {
+        what: "a waveform that cannot be",
+        old: "period_s: 0.1",
+        new: "period_s: 0",
+        said: &["waveform", "period", "0"],
+    },
+    Bad {
+        what: "a station off the platen",
+        old: "x_m: 0.1\n    y_m: 0.0",
+        new: "x_m: 5.5\n    y_m: 0.0",
+        said: &["stations", "station_1.x_m", "5.5", "platen", " to "],
+    },
+    Bad {
+        what: "two stations of one name",
+        old: "  - name: station_1\n",
+        new: "  - { name: station_1, x_m: 0.0, y_m: 0.0 }\n  - name: station_1\n",
+        said: &["stations", "station_1", "twice"],
+    },
+    Bad {
+        what: "a name that ROS does not take",
+        old: "feeder: feeder",
+        new: "feeder: my-feeder",
+        said: &["feeder", "my-feeder", "letters"],
+    },
+];
+
+#[test]
+fn bad_scenarios_are_refused_with_file_key_value_and_range() {
+    let folder = TempDir::new().unwrap();
+    for Bad { what, old, new, said } in BAD_SCENARIOS {
+        assert_eq!(BUILT_IN.matches(old).count(), 1, "{what}: the built-in scenario must hold {old:?} once");
+        let file = write(folder.path(), "scenario.yaml", &BUILT_IN.replace(old, new));
+        let file = file.to_str().unwrap();
+        let said: Vec<&str> = said.iter().copied().chain([file]).collect();
+        assert_refused(&format!("checking {what}"), &output(["check", file]), &said);
+        assert_refused(&format!("running {what}"), &output(["up", "--scenario", file]), &said);
+    }
+}
+
+#[test]
+fn files_that_are_no_scenario_are_refused() {
+    let folder = TempDir::new().unwrap();
+    let (cut, _) = BUILT_IN.split_at(BUILT_IN.len() / 3);
+    for (name, text) in [("empty.yaml", ""), ("list.yaml", "- 1\n- 2\n"), ("cut.yaml", cut), ("open.yaml", "seed: [1")]
+    {
+        let file = write(folder.path(), name, text);
+        assert_refused(name, &output(["check".as_ref(), file.as_os_str()]), &[name]);
+    }
+    let (untaught, _) = BUILT_IN.split_once("part_model:").unwrap();
+    let untaught = write(folder.path(), "untaught.yaml", untaught);
+    for command in [vec!["check".as_ref()], vec!["up".as_ref(), "--scenario".as_ref()]] {
+        let arguments = command.into_iter().chain([untaught.as_os_str()]);
+        assert_refused("a part never taught", &output(arguments), &["untaught.yaml", "part_model", "feeder teach"]);
+    }
+    let nowhere = folder.path().join("nowhere.yaml");
+    for command in [vec!["check".as_ref()], vec!["up".as_ref(), "--scenario".as_ref()]] {
+        let arguments = command.into_iter().chain([nowhere.as_os_str()]);
+        assert_refused("a missing file", &output(arguments), &["nowhere.yaml", "cannot read"]);
+    }
+}
+
+#[test]
+fn bad_options_are_refused_with_value_and_range() {
+    for (options, said) in [
+        ("--speed 0", ["--speed", "0", "positive"]),
+        ("--speed -2", ["--speed", "-2", "max"]),
+        ("--speed NaN", ["--speed", "NaN", "max"]),
+        ("--speed quick", ["--speed", "quick", "max"]),
+        ("--duration 0", ["duration", "0", "above 0"]),
+        ("--duration -1", ["duration", "-1", "above 0"]),
+        ("--duration 1e9", ["duration", "1000000000", "86400"]),
+        ("--domain 233", ["--domain", "233", "232"]),
+        ("--seed -1", ["--seed", "-1", "invalid"]),
+        ("--scenrio x", ["--scenrio", "--scenario", "unexpected"]),
+    ] {
+        let arguments = std::iter::once("up").chain(options.split(' '));
+        assert_refused(options, &output(arguments), &said);
+    }
+    for (variable, value, said) in [
+        ("ROS_DOMAIN_ID", "300", "0 to 232"),
+        ("ROS_AUTOMATIC_DISCOVERY_RANGE", "EVERYWHERE", "LOCALHOST"),
+        ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF", "LOCALHOST"),
+    ] {
+        let refused = feeder().args(["up", "--duration", "1"]).env(variable, value).output().unwrap();
+        assert_refused(variable, &refused, &[variable, value, said]);
+    }
+}
+
+/// A refusal is an exit code and a message with all of `said`, and nothing was started.
+#[track_caller]
+fn assert_refused(what: &str, output: &Output, said: &[&str]) {
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success(), "{what} went well");
+    let missing: BTreeSet<&&str> = said.iter().filter(|word| !text.contains(**word)).collect();
+    assert!(missing.is_empty(), "{what}: {missing:?} missing in: {text}");
+    assert!(!text.contains("panicked"), "{what}: {text}");
+    assert!(output.stdout.is_empty(), "{what}: {}", String::from_utf8_lossy(&output.stdout));
+}

@@ -1,0 +1,9 @@
+//! The feeder from outside: what a user, an operating system or another DDS implementation sees of it.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod analysis;
+mod common;
+mod faults;
+mod system;
+mod tidy;

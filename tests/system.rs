@@ -1,0 +1,170 @@
+//! The whole suite in lockstep over DDS, run as a user runs it.
+
+use std::collections::BTreeSet;
+use std::sync::LazyLock;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use feeder_core::scenario::Scenario;
+use rustix::process::Signal;
+
+use crate::common::{Outcome, Up};
+
+/// Largest slip of a part that was carried gently, m.
+const GENTLE_SLIP_M: f64 = 1e-4;
+
+#[test]
+fn the_built_in_scenario_delivers_parts_the_right_way_up_and_without_slip() {
+    let outcome = Up::new("--duration 60").success();
+    assert!(outcome.number("delivered") >= 3.0, "{}", outcome.summary());
+    assert!(outcome.number("selected") >= outcome.number("delivered"), "{}", outcome.summary());
+    assert!(outcome.number("fed") >= outcome.number("selected"), "{}", outcome.summary());
+    assert!(outcome.number("wrong_pose_delivered").abs() < 0.5, "{}", outcome.summary());
+    assert!(outcome.number("max_slip_m") < GENTLE_SLIP_M, "{}", outcome.summary());
+    assert!((outcome.number("sim_s") - 60.0).abs() < 1e-9, "{}", outcome.summary());
+
+    let keys: BTreeSet<&str> = outcome.summary().as_object().unwrap().keys().map(String::as_str).collect();
+    let agreed = [
+        "delivered",
+        "fed",
+        "max_slip_m",
+        "real_time_factor",
+        "selected",
+        "sim_s",
+        "startup_s",
+        "wall_s",
+        "wrong_pose_delivered",
+    ];
+    assert_eq!(keys, BTreeSet::from(agreed));
+    let factor = outcome.number("sim_s") / outcome.number("wall_s");
+    assert!((outcome.number("real_time_factor") - factor).abs() < 1e-9 * factor, "{}", outcome.summary());
+    for row in ["parts fed", "parts delivered", "largest slip", "real-time factor"] {
+        assert!(outcome.stdout.contains(row), "{}", outcome.stdout);
+    }
+}
+
+/// Parts are carried with 97 % of what friction holds; 20 % more is too much, and the measure of slip must say so.
+#[test]
+fn parts_carried_too_fast_are_seen_to_slip() {
+    let mut scenario = Scenario::default();
+    scenario.delivery.gentle.friction_share *= 1.2;
+    scenario.run.goal_delivered = Some(1);
+    let outcome = Up::new("--duration 60").scenario(&scenario).success();
+    assert!(outcome.number("delivered") >= 1.0, "{}", outcome.summary());
+    assert!(outcome.number("max_slip_m") > GENTLE_SLIP_M, "{}", outcome.summary());
+}
+
+#[test]
+fn a_run_ends_when_its_goal_is_reached() {
+    let mut scenario = Scenario::default();
+    scenario.run.goal_delivered = Some(1);
+    let first = Up::new("--duration 60").scenario(&scenario).digest().success();
+    assert!((first.number("delivered") - 1.0).abs() < 0.5, "{}", first.summary());
+    assert!(first.number("sim_s") < 59.0, "{}", first.summary());
+    // The tick of the end is no matter of chance either.
+    let again = Up::new("--duration 60 --composed").scenario(&scenario).digest().success();
+    assert_eq!(first.digest(), again.digest());
+}
+
+/// Long enough for parts to be seen, chosen and delivered.
+const REPEATED: &str = "--duration 25";
+
+/// What every run of the same scenario and seed must publish.
+static REFERENCE: LazyLock<Outcome> = LazyLock::new(|| Up::new(REPEATED).digest().success());
+
+#[test]
+fn a_digest_covers_what_the_nodes_publish_and_nothing_else() {
+    assert!(REFERENCE.number("delivered") >= 1.0, "{}", REFERENCE.summary());
+    let lines: Vec<Vec<&str>> = REFERENCE.digest().lines().map(|line| line.split(' ').collect()).collect();
+    let topics: Vec<&str> = lines.iter().map(|line| line[0]).collect();
+    assert!(topics.is_sorted());
+    for (topic, count) in [
+        ("/clock", 2500),
+        ("/feeder/tray_motion", 2499),
+        ("/feeder/joint_states", 2500),
+        ("/feeder/parts", 2500),
+        ("/feeder/camera/image_raw/compressed", 249),
+        ("/feeder/candidates", 248),
+        ("/feeder/waveform", 1),
+        ("/station_1/joint_states", 2500),
+        ("/tf", 2500),
+    ] {
+        let line = lines.iter().find(|line| line[0] == topic).unwrap_or_else(|| panic!("no {topic} in {topics:?}"));
+        assert!(line[1].parse::<u64>().unwrap() >= count, "{line:?}");
+    }
+    for line in &lines {
+        assert_eq!(line.len(), 3, "{line:?}");
+        assert!(line[2].len() == 64 && line[2].chars().all(|c| c.is_ascii_hexdigit()), "{line:?}");
+    }
+    for word in ["rosout", "parameter_events", "diagnostics", "ros_discovery_info", "loop", "/_"] {
+        assert!(topics.iter().all(|topic| !topic.contains(word)), "{topics:?}");
+    }
+}
+
+#[test]
+fn the_same_seed_publishes_the_same_again_on_a_loaded_machine() {
+    let stop = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while !stop.load(Ordering::Relaxed) {
+                    std::hint::spin_loop();
+                }
+            });
+        }
+        let again = Up::new(REPEATED).digest().outcome();
+        stop.store(true, Ordering::Relaxed);
+        assert!(again.status.success(), "{}", again.stderr);
+        assert_eq!(again.digest(), REFERENCE.digest());
+    });
+}
+
+#[test]
+fn the_same_seed_publishes_the_same_composed_in_one_process() {
+    let composed = Up::new(&format!("{REPEATED} --composed")).digest().success();
+    assert_eq!(composed.digest(), REFERENCE.digest());
+}
+
+#[test]
+fn the_same_seed_publishes_the_same_at_another_speed() {
+    let paced = Up::new(&format!("{REPEATED} --speed 3")).digest().success();
+    assert_eq!(paced.digest(), REFERENCE.digest());
+}
+
+#[test]
+fn another_seed_publishes_something_else() {
+    let other = Up::new(&format!("{REPEATED} --seed 2")).digest().success();
+    let differs = |topic: &str| {
+        let line = |outcome: &Outcome| {
+            let mut lines = outcome.digest().lines().map(str::to_owned);
+            lines.find(|line| line.starts_with(&format!("{topic} "))).unwrap()
+        };
+        line(&other) != line(&REFERENCE)
+    };
+    for topic in ["/feeder/parts", "/feeder/camera/image_raw/compressed", "/feeder/candidates"] {
+        assert!(differs(topic), "{topic} is the same");
+    }
+    assert!(!differs("/clock"));
+}
+
+/// How long it takes has a lower bound only: a slow machine may take any time.
+#[test]
+fn speed_1_keeps_to_the_wall_clock() {
+    let outcome = Up::new("--duration 5 --speed 1").success();
+    assert!(outcome.number("wall_s") >= 4.9, "{}", outcome.summary());
+}
+
+#[test]
+fn a_signal_ends_a_run_cleanly() {
+    for (signal, layout) in [(Signal::INT, ""), (Signal::TERM, ""), (Signal::INT, "--composed")] {
+        let mut run = Up::new(&format!("--duration 3600 --speed 10 {layout}")).start();
+        run.wait_until_simulated(Duration::from_secs(1));
+        let nodes = run.nodes();
+        assert_eq!(nodes.len(), if layout.is_empty() { 6 } else { 0 });
+        run.process().signal(signal);
+        let outcome = run.outcome();
+        assert_eq!(outcome.status.code(), Some(0), "{signal:?}: {}", outcome.stderr);
+        assert!(outcome.number("sim_s") >= 1.0, "{}", outcome.summary());
+        assert!(nodes.iter().all(|node| !node.is_running()), "a node is left after {signal:?}");
+    }
+}

@@ -1,0 +1,134 @@
+//! The project's own rules: who may depend on whom, and what lies where.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+
+use crate::common::output;
+
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+/// The root package: it alone may depend on everything.
+const TOP: &str = env!("CARGO_PKG_NAME");
+
+/// What the libraries under the nodes may use of ours; every other package but the root is a node.
+const LIBRARIES: &[(&str, &[&str])] = &[
+    ("feeder_core", &[]),
+    ("minifactory_msggen", &[]),
+    ("minifactory_msgs", &["feeder_core", "minifactory_msggen"]),
+    ("feeder_runtime", &["minifactory_msgs"]),
+    ("feeder_bags", &["minifactory_msgs"]),
+];
+const NODE_USES: &[&str] = &["feeder_core", "minifactory_msgs", "feeder_runtime"];
+
+struct Package {
+    name: String,
+    folder: String,
+    dependencies: BTreeSet<String>,
+}
+
+/// The packages of the workspace with all they depend on, tests and build scripts included.
+fn packages() -> Vec<Package> {
+    let arguments = ["metadata", "--format-version", "1", "--no-deps", "--offline"];
+    let output = Command::new(env!("CARGO")).args(arguments).current_dir(ROOT).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let text = |value: &Value| value.as_str().unwrap().to_owned();
+    let package = |package: &Value| Package {
+        name: text(&package["name"]),
+        folder: Path::new(package["manifest_path"].as_str().unwrap())
+            .strip_prefix(ROOT)
+            .unwrap()
+            .parent()
+            .unwrap()
+            .to_str()
+            .unwrap()
+            .to_owned(),
+        dependencies: package["dependencies"].as_array().unwrap().iter().map(|used| text(&used["name"])).collect(),
+    };
+    metadata["packages"].as_array().unwrap().iter().map(package).collect()
+}
+
+#[test]
+fn dependencies_point_one_way() {
+    let packages = packages();
+    let ours: BTreeSet<&str> = packages.iter().map(|package| package.name.as_str()).collect();
+    for library in ["feeder_core", "minifactory_msgs", "feeder_runtime", TOP] {
+        assert!(ours.contains(library), "{library} is gone from {ours:?}: this test must follow");
+    }
+    for Package { name, dependencies, .. } in packages.iter().filter(|package| package.name != TOP) {
+        let library = LIBRARIES.iter().find(|(library, _)| library == name);
+        let allowed = library.map_or(NODE_USES, |(_, allowed)| allowed);
+        for used in dependencies.iter().filter(|used| ours.contains(used.as_str())) {
+            assert!(allowed.contains(&used.as_str()), "{name} depends on {used}; it may on {allowed:?}");
+        }
+    }
+}
+
+#[test]
+fn the_runtime_alone_knows_the_middleware() {
+    for library in ["ros2-client", "rustdds"] {
+        let packages = packages();
+        let users = packages.iter().filter(|package| package.dependencies.contains(library));
+        let users: Vec<&str> = users.map(|package| package.name.as_str()).collect();
+        assert!(users.iter().all(|user| *user == "feeder_runtime"), "{library} is used by {users:?}");
+    }
+}
+
+#[test]
+fn nodes_live_under_their_name() {
+    for Package { name, folder, .. } in packages() {
+        let library = LIBRARIES.iter().any(|(library, _)| *library == name);
+        assert!(library || name == TOP || folder == format!("nodes/{name}"), "{name} lives in {folder}");
+    }
+}
+
+/// Paths of all files under version control.
+fn files() -> Vec<String> {
+    let output = Command::new("git").args(["ls-files", "-z"]).current_dir(ROOT).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    text.split_terminator('\0').map(str::to_owned).collect()
+}
+
+#[test]
+fn the_top_level_is_the_agreed_one() {
+    let agreed =
+        ["Cargo.toml", "Cargo.lock", "LICENSE", "README.md", "nodes", "msgs", "launch_configs", "bags", "tests"];
+    for file in files() {
+        let top = file.split('/').next().unwrap();
+        assert!(top.starts_with('.') || agreed.contains(&top), "{top} does not belong to the top level");
+    }
+}
+
+#[test]
+fn every_scenario_can_run() {
+    let scenarios: Vec<_> = std::fs::read_dir(Path::new(ROOT).join("launch_configs"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "yaml"))
+        .collect();
+    assert!(!scenarios.is_empty());
+    for scenario in scenarios {
+        let checked = output(["check".as_ref(), scenario.as_os_str()]);
+        assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
+    }
+}
+
+#[test]
+fn no_file_knows_the_machine_it_was_written_on() {
+    // Written apart, so that this file does not hold them.
+    let places = ["home", "root", "work", "tmp", "Users", "mnt"].map(|folder| format!("/{folder}/"));
+    for file in files() {
+        let Ok(text) = std::fs::read_to_string(Path::new(ROOT).join(&file)) else { continue };
+        for (number, line) in (1..).zip(text.lines()) {
+            let starts = places.iter().flat_map(|place| line.match_indices(place.as_str()));
+            // As part of a relative path or an address such a folder is harmless.
+            let absolute = |at: usize| !line[..at].ends_with(|c: char| c.is_alphanumeric() || "._-~}>".contains(c));
+            for (at, place) in starts {
+                assert!(!absolute(at), "{file}:{number} names a place of one machine, {place}");
+            }
+        }
+    }
+}
