@@ -14,5 +14,6 @@ mod program;
 mod public;
 pub mod service;
 pub mod testing;
+mod wall_clock;
 
 pub use program::{log_to_stderr, main, main_with};
