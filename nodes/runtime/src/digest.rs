@@ -5,6 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
+use std::io::Error;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -117,7 +118,7 @@ impl Digest {
 /// Puts together what the nodes left in `dir`, sorted by topic.
 ///
 /// # Errors
-/// When a file cannot be read or is not a digest.
+/// When a file cannot be read or is not a digest; the error names it.
 pub fn merge(dir: &Path) -> std::io::Result<Vec<DigestLine>> {
     let mut files: Vec<PathBuf> =
         std::fs::read_dir(dir)?.map(|entry| entry.map(|e| e.path())).collect::<Result<_, _>>()?;
@@ -125,7 +126,7 @@ pub fn merge(dir: &Path) -> std::io::Result<Vec<DigestLine>> {
     let mut lines = Vec::new();
     let mut shared: BTreeMap<String, Vec<(u64, Vec<u8>)>> = BTreeMap::new();
     for file in files {
-        let topics: NodeDigest = serde_json::from_slice(&std::fs::read(file)?)?;
+        let topics = read(&file).map_err(|error| Error::new(error.kind(), format!("{}: {error}", file.display())))?;
         for (topic, published) in topics {
             match published {
                 Published::Alone { count, sha256 } => lines.push(DigestLine { topic, count, sha256 }),
@@ -146,6 +147,10 @@ pub fn merge(dir: &Path) -> std::io::Result<Vec<DigestLine>> {
     Ok(lines)
 }
 
+fn read(file: &Path) -> std::io::Result<NodeDigest> {
+    Ok(serde_json::from_slice(&std::fs::read(file)?)?)
+}
+
 /// Whether a digest covers `topic`: not those of wall time, and nothing hidden.
 fn covered(topic: &str) -> bool {
     !EXCLUDED.contains(&topic) && !topic.split('/').any(|token| token.starts_with('_'))
@@ -156,4 +161,107 @@ fn hex(bytes: &[u8]) -> String {
         let _ = write!(text, "{byte:02x}");
         text
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dds::Qos;
+
+    fn port(name: &str, qos: Qos) -> Port {
+        let (ros_type, dds_types) = ("std_msgs/msg/String".to_owned(), Vec::new());
+        Port { kind: PortKind::Publish, name: name.into(), ros_type, dds_types, qos }
+    }
+
+    fn sha256(bytes: &[u8]) -> String {
+        hex(&Sha256::digest(bytes))
+    }
+
+    /// What the nodes of a run publish: (node, port, tick, payload), in the order in which each node does.
+    fn merged(shared: &[&str], published: &[(&str, &Port, u64, &str)]) -> Vec<DigestLine> {
+        let dir = tempfile::tempdir().unwrap();
+        let shared: Vec<String> = shared.iter().map(ToString::to_string).collect();
+        let nodes: BTreeSet<&str> = published.iter().map(|(node, ..)| *node).collect();
+        for node in nodes {
+            let mut digest = Digest::new(Some(dir.path()), node, &shared);
+            for (_, port, tick, payload) in published.iter().filter(|(of, ..)| *of == node) {
+                digest.add(port, *tick, payload.as_bytes());
+            }
+            digest.finish().unwrap();
+        }
+        merge(dir.path()).unwrap()
+    }
+
+    fn line(topic: &str, count: u64, payloads: &str) -> DigestLine {
+        DigestLine { topic: topic.into(), count, sha256: sha256(payloads.as_bytes()) }
+    }
+
+    #[test]
+    fn topics_are_hashed_in_order_and_sorted_by_name() {
+        let (x, y) = (port("/x", Qos::command()), port("/y", Qos::command()));
+        let lines = merged(&[], &[("/b", &y, 0, "1"), ("/b", &y, 5, "2"), ("/a", &x, 3, "3")]);
+        assert_eq!(lines, [line("/x", 1, "3"), line("/y", 2, "12")]);
+        let text = "/x 1 4e07408562bedb8b60ce05c1decfe3ad16b72230967de01f640b7e4729b49fce";
+        assert_eq!(lines[0].to_string(), text);
+    }
+
+    #[test]
+    fn publishers_of_one_topic_are_merged_by_tick_then_publisher_then_sequence() {
+        let tf = port("/tf", Qos::command());
+        let published = [
+            ("/b", &tf, 0, "b0"),
+            ("/b", &tf, 2, "b2"),
+            ("/b", &tf, 2, "B2"),
+            ("/a", &tf, 1, "a1"),
+            ("/a", &tf, 2, "a2"),
+            ("/c", &tf, 0, "c0"),
+        ];
+        assert_eq!(merged(&["/tf"], &published), [line("/tf", 6, "b0c0a1a2b2B2")]);
+    }
+
+    #[test]
+    fn latched_messages_count_at_tick_zero() {
+        let latched = port("/tf_static", Qos::latched());
+        let published = [("/b", &latched, 1, "b"), ("/a", &latched, 7, "a")];
+        assert_eq!(merged(&["/tf_static"], &published), [line("/tf_static", 2, "ab")]);
+    }
+
+    #[test]
+    fn what_depends_on_wall_time_and_what_is_hidden_is_left_out() {
+        let ports = [
+            "/rosout",
+            "/parameter_events",
+            "/diagnostics",
+            "/ros_discovery_info",
+            "/_loop/grant",
+            "/a/_action/status",
+        ]
+        .map(|name| port(name, Qos::command()));
+        let published: Vec<_> = ports.iter().map(|port| ("/a", port, 0, "1")).collect();
+        assert_eq!(merged(&[], &published), []);
+        let request = Port { kind: PortKind::Call(crate::node::Latency::Forward), ..port("/go", Qos::service()) };
+        assert_eq!(merged(&[], &[("/a", &request, 0, "1")]), []);
+        assert_eq!(merged(&[], &[("/a", &port("/a/rosout", Qos::command()), 0, "1")]), [line("/a/rosout", 1, "1")]);
+    }
+
+    #[test]
+    fn without_a_folder_nothing_is_kept() {
+        let mut digest = Digest::new(None, "/a", &[]);
+        assert!(!digest.active());
+        digest.add(&port("/x", Qos::command()), 0, b"1");
+        digest.finish().unwrap();
+    }
+
+    #[test]
+    fn a_file_that_is_no_digest_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        Digest::new(Some(dir.path()), "/ns/a", &[]).finish().unwrap();
+        assert_eq!(merge(dir.path()).unwrap(), []);
+        for garbage in ["", "{\"/x\":{\"Alone\":{\"count\":1}}}", "nonsense"] {
+            std::fs::write(dir.path().join("ns.b.json"), garbage).unwrap();
+            let error = merge(dir.path()).unwrap_err();
+            assert!(error.to_string().contains("ns.b.json"), "{error}");
+        }
+        assert!(merge(&dir.path().join("nowhere")).is_err());
+    }
 }

@@ -13,6 +13,7 @@ use crate::housekeeping::{Housekeeping, parameters_of};
 use crate::lockstep::{DdsLinks, LoopContract, RunError, Runner};
 use crate::node::{Declare, FeederNode, Interface, NodeError, stamp_of_ns};
 use crate::public::PublicSide;
+use crate::wall_clock;
 
 /// Full name of the node `name` in `namespace`.
 #[must_use]
@@ -85,6 +86,26 @@ pub fn run_opened<N: FeederNode>(
     let public = PublicSide::open(&participant, &interface, &sender)?;
     let digest = Digest::new(seat.digest_dir.as_deref(), &full_name, &seat.contract.shared_topics);
     Runner::new(node, full_name, interface, &seat.contract, links, Some(public), digest)?.timed(now_ns).run(&inbox, &seat.stop)
+}
+
+/// Runs node `N` against the wall clock until `stop` is set. Stamps are wall time since 1970, as is usual in ROS.
+///
+/// # Errors
+/// [`RunError`] when the node or DDS fails.
+pub fn run_real<N: FeederNode>(
+    domain: &Domain,
+    namespace: &str,
+    config: &N::Config,
+    stop: &AtomicBool,
+) -> Result<(), RunError> {
+    let mut declare = Declare::new(namespace);
+    let ports = N::declare(&mut declare, config);
+    let node = N::open(ports, config).map_err(RunError::Node)?;
+    let participant = Participant::open(domain, &NodeName::new(namespace, N::NAME)?)?;
+    let parameters = parameters_of(config, false).map_err(RunError::Node)?;
+    let clock: Clock = Arc::new(crate::clock::wall_clock);
+    let _housekeeping = Housekeeping::open(&participant, parameters, &clock)?;
+    wall_clock::run(&participant, node, &declare.finish(), N::tick(config), stop)
 }
 
 /// Reads a configuration: the file's, or the built-in one.

@@ -19,6 +19,7 @@ pub mod parameters;
 pub mod rosout;
 pub mod service;
 pub mod testing;
+mod wall_clock;
 
 pub use housekeeping::start_logging;
 pub use program::{main, main_with};

@@ -10,7 +10,7 @@ use clap::Parser;
 
 use crate::dds::Domain;
 use crate::housekeeping::start_logging;
-use crate::launch::{Seat, read_config, run_in_loop};
+use crate::launch::{Seat, read_config, run_in_loop, run_real};
 use crate::lockstep::{LoopContract, RunError};
 use crate::node::{FeederNode, NodeError};
 
@@ -23,11 +23,12 @@ struct Options {
     /// Namespace, instead of the first one the scenario asks for
     #[arg(long)]
     namespace: Option<String>,
-    /// Take part in the simulated run of this contract (JSON), as `feeder up` writes it
+    /// Take part in the simulated run of this contract (JSON), as `feeder up` writes it; without it the node keeps to
+    /// the wall clock, and hears, serves and calls whoever is on the ROS graph
     #[arg(long = "loop", value_name = "FILE")]
-    contract: PathBuf,
+    contract: Option<PathBuf>,
     /// Leave a fingerprint of what was published in this folder
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", requires = "contract")]
     digest_dir: Option<PathBuf>,
 }
 
@@ -70,13 +71,17 @@ fn run<N: FeederNode>(options: Options) -> Result<(), RunError> {
     };
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|error| RunError::Node(NodeError::new(error)))?;
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|error| RunError::Node(NodeError::new(error)))?;
     }
-    let contract = read_contract(&options.contract).map_err(RunError::Node)?;
+    let domain = Domain::from_env()?;
+    let Some(contract) = options.contract else {
+        return run_real::<N>(&domain, &namespace, &config, &stop);
+    };
     let seat = Seat {
-        contract: Arc::new(contract),
+        contract: Arc::new(read_contract(&contract).map_err(RunError::Node)?),
         namespace,
-        domain: Domain::from_env()?,
+        domain,
         digest_dir: options.digest_dir,
         stop,
     };

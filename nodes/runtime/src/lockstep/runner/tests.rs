@@ -6,20 +6,12 @@ use minifactory_msgs::std_srvs::srv::Trigger;
 use super::*;
 use crate::dds::Qos;
 use crate::lockstep::LoopTiming;
-use crate::node::{Client, Declare, Latency, Publisher, Server, Subscriber};
+use crate::node::{Declare, Latency};
 
 const TICK_NS: u64 = 10_000_000;
 
-/// A node of one port, that dawdles in each step.
+/// A node that dawdles in each step.
 struct Toy(Option<Duration>);
-
-/// All kinds of ports, some of them used.
-enum Ports {
-    Publish(Publisher<Point>),
-    Subscribe(Subscriber<Point>),
-    Serve(Server<Trigger>),
-    Call(Client<Trigger>),
-}
 
 #[derive(Default, Clone)]
 struct NoConfig;
@@ -35,7 +27,7 @@ impl std::str::FromStr for NoConfig {
 impl FeederNode for Toy {
     const NAME: &'static str = "toy";
     type Config = NoConfig;
-    type Ports = Ports;
+    type Ports = ();
 
     fn namespaces(_: &NoConfig) -> Vec<String> {
         vec!["/".into()]
@@ -45,11 +37,9 @@ impl FeederNode for Toy {
         Duration::from_nanos(TICK_NS)
     }
 
-    fn declare(io: &mut Declare, _: &NoConfig) -> Ports {
-        Ports::Publish(io.publisher("x", Qos::command()))
-    }
+    fn declare(_: &mut Declare, _: &NoConfig) {}
 
-    fn open(_: Ports, _: &NoConfig) -> Result<Self, NodeError> {
+    fn open((): (), _: &NoConfig) -> Result<Self, NodeError> {
         Ok(Self(None))
     }
 
@@ -74,10 +64,18 @@ impl Links for Kept {
     }
 }
 
-fn interface(declare: impl FnOnce(&mut Declare) -> Ports) -> Interface {
+fn interface(declare: impl FnOnce(&mut Declare)) -> Interface {
     let mut io = Declare::new("/");
     declare(&mut io);
     io.finish()
+}
+
+fn publishes(io: &mut Declare) {
+    io.publisher::<Point>("x", Qos::command());
+}
+
+fn subscribes(io: &mut Declare) {
+    io.subscriber::<Point>("x", Latency::Forward, Qos::command());
 }
 
 fn contract(nodes: &[(String, Interface)]) -> LoopContract {
@@ -93,7 +91,7 @@ fn runner(contract: &LoopContract, interface: Interface, links: Kept) -> Result<
 /// A clock that hears nothing for a while takes a node for dead.
 #[test]
 fn regress_a_node_reports_also_while_its_steps_are_slow() {
-    let alone = interface(|io| Ports::Publish(io.publisher("x", Qos::command())));
+    let alone = interface(publishes);
     let contract = contract(&[("/b".into(), alone.clone())]);
     let kept = Kept::default();
     let mut runner = runner(&contract, alone, kept.clone()).unwrap();
@@ -124,22 +122,21 @@ fn regress_a_node_reports_also_while_its_steps_are_slow() {
 
 #[test]
 fn a_contract_made_for_other_ports_is_refused() {
-    let publisher = ("/a".to_owned(), interface(|io| Ports::Publish(io.publisher("x", Qos::command()))));
-    let subscribes = interface(|io| Ports::Subscribe(io.subscriber("x", Latency::Forward, Qos::command())));
-    let contract = contract(&[publisher, ("/b".into(), subscribes.clone())]);
+    let publisher = ("/a".to_owned(), interface(publishes));
+    let contract = contract(&[publisher, ("/b".into(), interface(subscribes))]);
     let misfit = |name: &str| Some(LoopError::Misfit { node: "/b".into(), name: name.into() });
     let refused = |interface| runner(&contract, interface, Kept::default()).err();
-    assert_eq!(refused(subscribes), None);
+    assert_eq!(refused(interface(subscribes)), None);
     assert_eq!(refused(Interface::default()), misfit("/x"));
-    assert_eq!(refused(interface(|io| Ports::Publish(io.publisher("x", Qos::command())))), misfit("/x"));
+    assert_eq!(refused(interface(publishes)), misfit("/x"));
     let both = interface(|io| {
-        io.subscriber::<Point>("x", Latency::Forward, Qos::command());
-        Ports::Call(io.client("go", Latency::Forward))
+        subscribes(io);
+        io.client::<Trigger>("go", Latency::Forward);
     });
     assert_eq!(refused(both), misfit("/go"));
     let serves_too = interface(|io| {
-        io.subscriber::<Point>("x", Latency::Forward, Qos::command());
-        Ports::Serve(io.server("go"))
+        subscribes(io);
+        io.server::<Trigger>("go");
     });
     assert_eq!(refused(serves_too), None, "a service without clients in the loop is no misfit");
 }

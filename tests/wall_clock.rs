@@ -1,0 +1,92 @@
+//! Nodes without simulated time, as on hardware: paced by the wall clock, together over the ROS graph alone.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
+
+use courier_driver::CourierDriver;
+use feeder_core::scenario::Scenario;
+use feeder_runtime::dds::{NodeName, Participant, Qos, Reader};
+use feeder_runtime::launch::run_real;
+use feeder_runtime::node::ns_of_stamp;
+use feeder_runtime::testing::TestDomain;
+use minifactory_msgs::Message;
+use minifactory_msgs::msg::{CourierState, Waveform};
+use minifactory_msgs::nav_msgs::msg::Odometry;
+use minifactory_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
+use waveform_generator::WaveformGenerator;
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn participant(domain: &TestDomain) -> Participant {
+    Participant::open(domain, &NodeName::new("/", "test").unwrap()).unwrap()
+}
+
+fn hear<M: Message>(participant: &Participant, topic: &str, qos: Qos) -> (Reader, Receiver<M>) {
+    let (sender, heard) = channel();
+    let reader = participant.reader(topic, &M::INFO.dds_type(), &qos, move |sample| {
+        // A closed channel belongs to a test that has seen enough.
+        let _ = sender.send(sample.decode().unwrap());
+    });
+    (reader.unwrap(), heard)
+}
+
+#[test]
+fn a_courier_vibrates_when_a_client_asks_the_generator_to_feed() {
+    let domain = TestDomain::claim();
+    let scenario = Scenario::default();
+    let stop = Arc::new(AtomicBool::new(false));
+    let generator = std::thread::spawn({
+        let (domain, scenario, stop) = (*domain, scenario.clone(), stop.clone());
+        move || run_real::<WaveformGenerator>(&domain, "/feeder", &scenario, &stop)
+    });
+    let courier = std::thread::spawn({
+        let (domain, scenario, stop) = (*domain, scenario.clone(), stop.clone());
+        move || run_real::<CourierDriver>(&domain, "/feeder", &scenario, &stop)
+    });
+    let here = participant(&domain);
+    let (_odometry_reader, odometry) = hear::<Odometry>(&here, "/feeder/odometry", Qos::command());
+    let (_state_reader, states) = hear::<CourierState>(&here, "/feeder/courier_state", Qos::command());
+
+    assert!(!states.recv_timeout(PATIENCE).unwrap().vibrating);
+    let stamps: Vec<u64> =
+        (0..50).map(|_| ns_of_stamp(&odometry.recv_timeout(PATIENCE).unwrap().header.stamp)).collect();
+    for pair in stamps.windows(2) {
+        // A machine that stands still for a while makes the node skip, never hurry.
+        assert!(pair[1] - pair[0] >= scenario.time.tick_ns(), "{pair:?}");
+    }
+
+    let client = here.service_client::<SetBool>("/feeder/set_feeding").unwrap();
+    for feeding in [true, false] {
+        assert!(client.call(&SetBoolRequest { data: feeding }, PATIENCE).wait().unwrap().success);
+        while states.recv_timeout(PATIENCE).unwrap().vibrating != feeding {}
+    }
+    stop.store(true, Ordering::Relaxed);
+    generator.join().unwrap().unwrap();
+    courier.join().unwrap().unwrap();
+}
+
+#[test]
+fn a_nodes_command_runs_it_until_it_is_told_to_go() {
+    let domain = TestDomain::claim();
+    let mut node = Command::new(env!("CARGO_BIN_EXE_feeder"))
+        .args(["node", "waveform_generator", "--namespace", "/other"])
+        .env("ROS_DOMAIN_ID", domain.id.to_string())
+        .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        .env_remove("ROS_LOCALHOST_ONLY")
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let here = participant(&domain);
+    let (_reader, heard) = hear::<Waveform>(&here, "/other/waveform", Qos::latched());
+    let waveform = heard.recv_timeout(PATIENCE);
+    let terminated = Command::new("kill").args(["-TERM", &node.id().to_string()]).status();
+    let left = node.wait().unwrap();
+    assert_eq!(waveform.map(|waveform| waveform.sequence), Ok(1));
+    assert!(terminated.unwrap().success());
+    assert!(left.success(), "{left}");
+}
