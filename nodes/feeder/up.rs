@@ -168,15 +168,12 @@ fn load_scenario(args: &UpArgs) -> anyhow::Result<Scenario> {
     Ok(scenario)
 }
 
-/// The domain of `--domain` or the environment. Without a word about the range the run stays on this host; peers on it
-/// with default settings see everything all the same.
+/// The domain of `--domain` or the environment. Without a word about the range it is ROS 2's, the subnet: a peer with
+/// default settings on this host may listen on another network interface than loopback, and would see nothing otherwise.
 fn domain(args: &UpArgs) -> anyhow::Result<Domain> {
     let mut domain = Domain::from_env()?;
     if let Some(id) = args.domain {
         domain.id = id;
-    }
-    if std::env::var_os("ROS_AUTOMATIC_DISCOVERY_RANGE").is_none() && std::env::var_os("ROS_LOCALHOST_ONLY").is_none() {
-        domain.range = DiscoveryRange::Localhost;
     }
     if domain.range == DiscoveryRange::Off {
         bail!("ROS_AUTOMATIC_DISCOVERY_RANGE=OFF: the nodes could not find each other; allowed here: LOCALHOST, SUBNET");
