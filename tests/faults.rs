@@ -100,7 +100,7 @@ fn a_blind_camera_stops_selection() {
 fn a_busy_domain_is_refused_and_its_run_goes_on() {
     let mut run = running();
     let domain = run.domain().id.to_string();
-    let second = output(["up", "--duration", "1", "--domain", &domain]);
+    let second = feeder().args(["up", "--duration", "1", "--domain", &domain]).output().unwrap();
     assert_refused("a second run", &second, &["busy", &domain, "--domain", "0 to 232"]);
     run.wait_until_simulated(Duration::from_secs(10));
     run.process().signal(Signal::INT);

@@ -5,5 +5,6 @@
 mod analysis;
 mod common;
 mod faults;
+mod interop;
 mod system;
 mod tidy;

@@ -26,10 +26,12 @@ pub(crate) use python::python;
 /// Longest wait for anything that a run does, wall time. It only keeps a failing test from hanging.
 const PATIENCE: Duration = Duration::from_secs(180);
 
+const DISCOVERY_RANGE: &str = "ROS_AUTOMATIC_DISCOVERY_RANGE";
+
 /// The executable, in an environment that says nothing about ROS or logging.
 pub(crate) fn feeder() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_feeder"));
-    for variable in ["ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "RUST_LOG"] {
+    for variable in ["ROS_DOMAIN_ID", DISCOVERY_RANGE, "ROS_LOCALHOST_ONLY", "RUST_LOG"] {
         command.env_remove(variable);
     }
     command
@@ -67,8 +69,16 @@ impl Up {
         let domain = TestDomain::claim();
         let mut command = feeder();
         command.args(["up", "--domain", &domain.id.to_string()]).args(options.split_whitespace());
+        // Tests on other machines of the network may use the same domain.
+        command.env(DISCOVERY_RANGE, "LOCALHOST");
         command.arg("--summary").arg(work.path().join("summary.json"));
         Self { command, work, domain }
+    }
+
+    /// Lets it look for others as far as it does without settings.
+    pub(crate) fn default_discovery_range(mut self) -> Self {
+        self.command.env_remove(DISCOVERY_RANGE);
+        self
     }
 
     /// Runs this scenario instead of the built-in one.
