@@ -1,11 +1,13 @@
 //! The annular engine against the two-dimensional reference (`verif_`) and against the reference tables (`val_`).
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod bisect;
 mod reference;
 mod rk4;
 
 use std::f64::consts::{PI, TAU};
 
+use bisect::bisect;
 use feeder_core::gravity::STANDARD_GRAVITY_M_S2 as G;
 use feeder_core::mechanics::Friction;
 use feeder_core::mechanics::annular::{AnnularTrack, Encounter, PartState};
@@ -15,7 +17,7 @@ use feeder_core::tray::{Surface, TrayGeometry};
 use feeder_core::waveform::{Axis, OptimalDesign, Waveform};
 use nalgebra::Vector3;
 use proptest::prelude::*;
-use reference::{assert_close, bisect, table};
+use reference::{assert_close, table};
 use rk4::Rk4;
 
 const T30: f64 = 1.0 / 30.0;

@@ -1,10 +1,12 @@
 //! The exact one-dimensional engine against theory (`verif_`) and against the reference tables (`val_`).
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod bisect;
 mod reference;
 
 use std::f64::consts::FRAC_PI_2;
 
+use bisect::bisect;
 use feeder_core::gravity::STANDARD_GRAVITY_M_S2 as G;
 use feeder_core::mechanics::Friction;
 use feeder_core::mechanics::equations::{
@@ -13,7 +15,7 @@ use feeder_core::mechanics::equations::{
 use feeder_core::mechanics::slope::{Drive, Steady, Track};
 use feeder_core::waveform::{Axis, OptimalDesign, Segment, Waveform};
 use proptest::prelude::*;
-use reference::{assert_close, bisect, table};
+use reference::{assert_close, table};
 
 const T30: f64 = 1.0 / 30.0;
 
@@ -438,6 +440,21 @@ fn a_tray_that_drops_away_is_refused_with_the_reason() {
                 .contains("slope_rad")
         );
     }
+}
+
+#[test]
+fn regress_a_speed_too_small_to_be_multiplied_still_turns_round() {
+    // A segment of 5e-324 s leaves w at −5e-324 m/s, from where the next one pushes the part uphill, through rest.
+    let waveform = |first_s: f64| {
+        let pairs = [(first_s, 4.0), (0.05, -6.5), (0.01, 30.0), (0.0125, 2.0)];
+        let segments = pairs.map(|(duration_s, acceleration)| Segment {
+            duration_s,
+            acceleration,
+        });
+        Waveform::new(Axis::X, segments.to_vec()).unwrap()
+    };
+    let feed = |first_s: f64| steady(&waveform(first_s), 0.42, 8.0).unwrap().feed_m_s;
+    assert_close(feed(5e-324), feed(1e-13), 1e-9, "feed");
 }
 
 /// Any closed waveform of 2 to 6 segments, up to 20 m/s².

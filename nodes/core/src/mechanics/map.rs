@@ -1,16 +1,13 @@
 //! How fast parts travel at each radius of an annular tray under a yaw vibration, and where they slide back.
 
-use nalgebra::Vector3;
-
 use super::MechanicsError;
 use super::annular::{AnnularTrack, PartState};
 use super::slope::{Drive, Steady, Track};
-use crate::motion::MotionSample;
 use crate::tray::Surface;
 use crate::waveform::{Axis, Waveform};
 
 /// Samples per period in which radial drift is integrated: 0.1 % of it at the paper's parameters.
-const DRIFT_SAMPLES: f64 = 4000.0;
+const DRIFT_SAMPLES: u32 = 4000;
 /// Periods after which the radial motion repeats at the latest.
 const DRIFT_PERIODS_MAX: u32 = 200;
 /// Radii at which the ramp is looked at for a change of sign, evenly spaced.
@@ -51,10 +48,10 @@ impl<'a> TrayMap<'a> {
     /// # Errors
     ///
     /// If the waveform does not drive the yaw axis.
-    pub fn new(track: &'a AnnularTrack, waveform: &'a Waveform) -> Result<Self, WrongAxis> {
+    pub fn new(track: &'a AnnularTrack, waveform: &'a Waveform) -> Result<Self, MechanicsError> {
         match waveform.axis() {
             Axis::Yaw => Ok(Self { track, waveform }),
-            axis => Err(WrongAxis { axis }),
+            axis => Err(MechanicsError::WrongAxis { axis }),
         }
     }
 
@@ -160,14 +157,15 @@ impl<'a> TrayMap<'a> {
             along_m_s: steady.start_m_s,
             ..PartState::at_rest(radius_m, angle_rad)
         };
+        let samples = self.waveform.samples(DRIFT_SAMPLES);
         let mut last_m = f64::NAN;
         for _ in 0..DRIFT_PERIODS_MAX {
             let mut drift_m = 0.0;
-            self.sample_period(|motion, sample_s| {
-                track.step(&mut part, motion, sample_s);
+            for (motion, sample_s) in &samples {
+                track.step(&mut part, motion, *sample_s);
                 drift_m += part.radius_m - radius_m;
                 (part.radius_m, part.angle_rad) = (radius_m, angle_rad);
-            });
+            }
             if (drift_m - last_m).abs() <= 1e-9 * drift_m.abs() {
                 last_m = drift_m;
                 break;
@@ -176,36 +174,4 @@ impl<'a> TrayMap<'a> {
         }
         last_m / self.waveform.period_s()
     }
-
-    /// Shows one period of yaw in samples that end with the segments.
-    fn sample_period(&self, mut on_sample: impl FnMut(&MotionSample, f64)) {
-        let mut yaw_rate = self.waveform.start_velocity();
-        for segment in self.waveform.segments() {
-            let samples = (segment.duration_s / self.waveform.period_s() * DRIFT_SAMPLES).ceil();
-            let sample_s = segment.duration_s / samples;
-            let mut done = 0.0;
-            while done < samples {
-                let motion = MotionSample {
-                    position: Vector3::zeros(),
-                    velocity: Vector3::new(
-                        0.0,
-                        0.0,
-                        yaw_rate + done * sample_s * segment.acceleration,
-                    ),
-                    acceleration: Vector3::new(0.0, 0.0, segment.acceleration),
-                };
-                on_sample(&motion, sample_s);
-                done += 1.0;
-            }
-            yaw_rate += segment.duration_s * segment.acceleration;
-        }
-    }
-}
-
-/// A waveform that does not turn the tray.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the waveform drives axis {axis:?}; a tray is fed by axis Yaw")]
-pub struct WrongAxis {
-    /// The axis it drives.
-    pub axis: Axis,
 }

@@ -5,6 +5,7 @@
 //! closed-form step per sample of any tray motion; [`map`] puts both together over the radii of a tray.
 
 pub mod annular;
+pub mod design;
 pub mod equations;
 pub mod map;
 pub mod slope;
@@ -14,6 +15,7 @@ use std::f64::consts::FRAC_PI_2;
 use serde::{Deserialize, Serialize};
 
 use crate::range::OutOfRange;
+use crate::waveform::Axis;
 
 /// Coulomb friction between part and tray.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -108,6 +110,12 @@ pub enum MechanicsError {
         acceleration_m_s2: f64,
         /// Normal force over weight there.
         normal_over_weight: f64,
+    },
+    /// The waveform does not turn the tray.
+    #[error("the waveform drives axis {axis:?}; an annular tray is fed by axis Yaw")]
+    WrongAxis {
+        /// The axis it drives.
+        axis: Axis,
     },
 }
 

@@ -104,14 +104,48 @@ impl Track {
 
 /// A segment of the waveform as the part feels it; accelerations ẇ in m/s².
 #[derive(Clone, Copy, Debug)]
-struct Leg {
-    duration_s: f64,
+pub(super) struct Leg {
+    pub(super) duration_s: f64,
     /// ẇ while sliding uphill.
     up: f64,
     /// ẇ while sliding downhill.
     down: f64,
     /// ẇ from rest; 0 where friction holds the part.
     from_rest: f64,
+}
+
+impl Leg {
+    /// The motion from w = `w_m_s` until it reverses or comes to rest, or until `left_s` have passed.
+    pub(super) fn next_phase(&self, w_m_s: f64, left_s: f64) -> Phase {
+        if w_m_s == 0.0 {
+            let to_m_s = self.from_rest * left_s;
+            return Phase {
+                duration_s: left_s,
+                from_m_s: 0.0,
+                to_m_s,
+                at_rest: self.from_rest == 0.0,
+            };
+        }
+        let acceleration = if w_m_s > 0.0 { self.up } else { self.down };
+        let to_m_s = w_m_s + acceleration * left_s;
+        // Compared one by one: a product of the two could underflow.
+        if (w_m_s > 0.0 && to_m_s >= 0.0) || (w_m_s < 0.0 && to_m_s <= 0.0) {
+            return Phase {
+                duration_s: left_s,
+                from_m_s: w_m_s,
+                to_m_s,
+                at_rest: false,
+            };
+        }
+        // Rounding must not carry the stop beyond the end.
+        let duration_s = (-w_m_s / acceleration).min(left_s);
+        Phase {
+            duration_s,
+            from_m_s: w_m_s,
+            to_m_s: 0.0,
+            at_rest: false,
+        }
+    }
 }
 
 /// A stretch of constant ẇ.
@@ -177,37 +211,25 @@ impl Drive {
         let mut w = w_m_s;
         for leg in &self.legs {
             let mut left_s = leg.duration_s;
-            if w != 0.0 {
-                let acceleration = if w > 0.0 { leg.up } else { leg.down };
-                let end = w + acceleration * left_s;
-                if end * w >= 0.0 {
-                    on_phase(Phase {
-                        duration_s: left_s,
-                        from_m_s: w,
-                        to_m_s: end,
-                        at_rest: false,
-                    });
-                    w = end;
-                    continue;
-                }
-                let stop_s = -w / acceleration;
-                on_phase(Phase {
-                    duration_s: stop_s,
-                    from_m_s: w,
-                    to_m_s: 0.0,
-                    at_rest: false,
-                });
-                left_s -= stop_s;
+            while left_s > 0.0 {
+                let phase = leg.next_phase(w, left_s);
+                on_phase(phase);
+                w = phase.to_m_s;
+                left_s -= phase.duration_s;
             }
-            w = leg.from_rest * left_s;
-            on_phase(Phase {
-                duration_s: left_s,
-                from_m_s: 0.0,
-                to_m_s: w,
-                at_rest: leg.from_rest == 0.0,
-            });
         }
         w
+    }
+
+    /// The segments of the waveform as the part feels them.
+    pub(super) fn legs(&self) -> &[Leg] {
+        &self.legs
+    }
+
+    /// The period, s.
+    #[must_use]
+    pub fn period_s(&self) -> f64 {
+        self.period_s
     }
 
     /// Mean speed over each of the first `cycles` periods, starting from w = `w_m_s`, m/s.

@@ -1,6 +1,9 @@
 //! The motion a waveform stands for, by exact integration of its segments.
 
-use super::{Segment, Waveform};
+use nalgebra::Vector3;
+
+use super::{Axis, Segment, Waveform};
+use crate::motion::MotionSample;
 
 /// Motion of the driven axis at an instant, in the units of [`Waveform`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -137,6 +140,32 @@ impl Waveform {
         self.extreme_positions().fold(0.0, |peak, position| position.abs().max(peak))
     }
 
+    /// One period as samples of the tray's motion with their durations (s): `per_period` of them or a few more, so that they
+    /// end with the segments and each has the acceleration of one segment.
+    #[must_use]
+    pub fn samples(&self, per_period: u32) -> Vec<(MotionSample, f64)> {
+        let along = |value: f64| match self.axis {
+            Axis::X => Vector3::new(value, 0.0, 0.0),
+            Axis::Y => Vector3::new(0.0, value, 0.0),
+            Axis::Yaw => Vector3::new(0.0, 0.0, value),
+        };
+        let mut samples = Vec::new();
+        for (knot, segment) in self.knots.iter().zip(&self.segments) {
+            let count = (segment.duration_s / self.period_s() * f64::from(per_period)).ceil();
+            let sample_s = segment.duration_s / count;
+            for i in (0u32..).map(f64::from).take_while(|&i| i < count) {
+                let (t, a) = (i * sample_s, segment.acceleration);
+                let motion = MotionSample {
+                    position: along(knot.position + t * (knot.velocity + t * a / 2.0)),
+                    velocity: along(knot.velocity + t * a),
+                    acceleration: along(a),
+                };
+                samples.push((motion, sample_s));
+            }
+        }
+        samples
+    }
+
     /// Positions at the knots and where the velocity changes sign: the extremes are among them.
     fn extreme_positions(&self) -> impl Iterator<Item = f64> {
         let turns = self
@@ -159,7 +188,6 @@ impl Waveform {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Axis;
     use super::*;
     use proptest::prelude::*;
 
