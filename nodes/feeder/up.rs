@@ -10,7 +10,7 @@ use feeder_core::scenario::Scenario;
 use feeder_runtime::digest::{self, Digest};
 use feeder_runtime::dds::{DiscoveryRange, Domain, NodeName, Participant};
 use feeder_runtime::launch::{Seat, full_name, run_opened};
-use feeder_runtime::lockstep::{Clock, ClockRunner, LoopContract, LoopTiming, Speed};
+use feeder_runtime::lockstep::{Clock, ClockRunner, Hub, LoopContract, LoopTiming, Speed};
 use feeder_runtime::node::{Declare, FeederNode, Interface};
 use run_monitor::{Progress, RunMonitor};
 
@@ -101,11 +101,13 @@ pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
     let digest_dir = args.digest.is_some().then(|| digests.clone());
     let progress = Arc::new(Mutex::new(Progress::default()));
 
+    let hub = args.composed.then(Hub::default);
     let left_early = Arc::new(AtomicBool::new(false));
     let seat = |namespace: &str| Seat {
         contract: Arc::clone(&contract),
         namespace: namespace.to_owned(),
         domain,
+        hub: hub.clone(),
         digest_dir: digest_dir.clone(),
         stop: Arc::clone(&left_early),
     };
@@ -119,7 +121,7 @@ pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
     let end_tick = ticks(scenario.run.duration_s, contract.timing.tick_ns);
     let clock = Clock::new(contract.as_ref().clone(), args.speed, end_tick, START_UP_LIMIT);
     let clock_digest = Digest::new(digest_dir.as_deref(), "/clock", &contract.shared_topics);
-    let mut clock = ClockRunner::open(&participant, &contract, clock, clock_digest)?;
+    let mut clock = ClockRunner::open(&participant, &contract, hub.as_ref(), clock, clock_digest)?;
     let view = View::new(end_tick, contract.timing.tick_ns);
     let result = clock.run(&stop, |tick| {
         let now = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();

@@ -10,7 +10,7 @@ use crate::clock::Clock;
 use crate::dds::{Domain, NodeName, Participant};
 use crate::digest::Digest;
 use crate::housekeeping::{Housekeeping, parameters_of};
-use crate::lockstep::{DdsLinks, LoopContract, RunError, Runner};
+use crate::lockstep::{DdsLinks, Hub, Links, LoopContract, RunError, Runner};
 use crate::node::{Declare, FeederNode, Interface, NodeError, stamp_of_ns};
 use crate::public::PublicSide;
 use crate::wall_clock;
@@ -30,6 +30,9 @@ pub struct Seat {
     pub namespace: String,
     /// The DDS domain.
     pub domain: Domain,
+    /// Where the others are, when all nodes of the loop live in this process; else they are found over DDS. What the
+    /// node publishes goes out over DDS either way.
+    pub hub: Option<Hub>,
     /// Where to leave the digest, if one is wanted.
     pub digest_dir: Option<PathBuf>,
     /// Set to leave before the run ends.
@@ -82,7 +85,10 @@ pub fn run_opened<N: FeederNode>(
     // What this thread logs is this node's, also where several share a process.
     let _span = tracing::info_span!("node", node = %participant.node()).entered();
     let (sender, inbox) = channel();
-    let links = DdsLinks::open(&participant, &seat.contract, &full_name, &sender)?;
+    let links: Box<dyn Links> = match &seat.hub {
+        Some(hub) => Box::new(hub.join(&seat.contract, &full_name, sender.clone())),
+        None => Box::new(DdsLinks::open(&participant, &seat.contract, &full_name, &sender)?),
+    };
     let public = PublicSide::open(&participant, &interface, &sender)?;
     let digest = Digest::new(seat.digest_dir.as_deref(), &full_name, &seat.contract.shared_topics);
     Runner::new(node, full_name, interface, &seat.contract, links, Some(public), digest)?.timed(now_ns).run(&inbox, &seat.stop)

@@ -82,6 +82,7 @@ fn run<N: FeederNode>(options: Options) -> Result<(), RunError> {
         contract: Arc::new(read_contract(&contract).map_err(RunError::Node)?),
         namespace,
         domain,
+        hub: None,
         digest_dir: options.digest_dir,
         stop,
     };

@@ -10,6 +10,7 @@ use minifactory_msgs::rosgraph_msgs::msg::Clock as ClockMessage;
 
 use super::clock::{Clock, ClockError};
 use super::contract::LoopContract;
+use super::hub::Hub;
 use super::links::{GRANT_TOPIC, LoopWriter, STATUS_TOPIC, read};
 use super::runner::RunError;
 use crate::cdr;
@@ -41,13 +42,30 @@ pub struct ClockRunner {
     clock: Clock,
     tick_ns: u64,
     statuses: Receiver<LoopStatus>,
-    grant: LoopWriter,
+    nodes: Nodes,
     time: Writer,
     time_port: Port,
     told_tick: u64,
     digest: Digest,
     made_at: Instant,
-    _reader: Reader,
+}
+
+/// How the clock reaches the nodes.
+enum Nodes {
+    Dds { grant: LoopWriter, _statuses: Reader },
+    Here(Hub),
+}
+
+impl Nodes {
+    fn grant(&self, grant: &LoopGrant) -> Result<(), RunError> {
+        match self {
+            Self::Dds { grant: writer, .. } => writer.send(grant),
+            Self::Here(hub) => {
+                hub.grant(grant);
+                Ok(())
+            }
+        }
+    }
 }
 
 /// What the clock itself publishes on the graph.
@@ -65,33 +83,43 @@ pub fn clock_interface() -> Interface {
 }
 
 impl ClockRunner {
-    /// Opens the clock's end of the loop.
+    /// Opens the clock's end of the loop: over DDS, or in the hub of nodes that live in this process.
     ///
     /// # Errors
     /// When DDS refuses an endpoint.
     pub fn open(
         participant: &Participant,
         contract: &LoopContract,
+        hub: Option<&Hub>,
         clock: Clock,
         digest: Digest,
     ) -> Result<Self, DdsError> {
         let (sender, statuses): (Sender<LoopStatus>, _) = channel();
-        let reader = read(participant, STATUS_TOPIC, move |status: LoopStatus| {
-            // A closed inbox belongs to a clock that has stopped.
-            let _ = sender.send(status);
-        })?;
+        let nodes = match hub {
+            Some(hub) => {
+                hub.join_as_clock(sender);
+                Nodes::Here(hub.clone())
+            }
+            None => {
+                let grant = LoopWriter::open::<LoopGrant>(participant, GRANT_TOPIC)?;
+                let statuses = read(participant, STATUS_TOPIC, move |status: LoopStatus| {
+                    // A closed inbox belongs to a clock that has stopped.
+                    let _ = sender.send(status);
+                })?;
+                Nodes::Dds { grant, _statuses: statuses }
+            }
+        };
         let time_port = clock_interface().ports.remove(0);
         Ok(Self {
             clock,
             tick_ns: contract.timing.tick_ns,
             statuses,
-            grant: LoopWriter::open::<LoopGrant>(participant, GRANT_TOPIC)?,
+            nodes,
             time: participant.writer(&time_port.name, &time_port.dds_types[0], &time_port.qos)?,
             time_port,
             told_tick: 0,
             digest,
             made_at: Instant::now(),
-            _reader: reader,
         })
     }
 
@@ -117,7 +145,7 @@ impl ClockRunner {
         if result.is_err() {
             let ended = LoopGrant { ended: true, ..self.clock.last_grant() };
             // The run has failed already; nodes that miss this leave when grants stop coming.
-            let _ = self.grant.send(&ended);
+            let _ = self.nodes.grant(&ended);
         }
         result
     }
@@ -153,7 +181,7 @@ impl ClockRunner {
             self.tell_time();
             let renew = renewed_at.elapsed() >= RENEW_PERIOD;
             if let Some(grant) = self.clock.grant(self.made_at.elapsed(), renew || self.clock.finished()) {
-                self.grant.send(&grant)?;
+                self.nodes.grant(&grant)?;
                 if grant.ended {
                     return Ok(());
                 }

@@ -13,6 +13,7 @@ mod clock;
 mod clock_runner;
 mod contract;
 mod engine;
+mod hub;
 mod links;
 mod runner;
 
@@ -20,9 +21,10 @@ pub use clock::{Clock, ClockError, STALL_LIMIT, Speed};
 pub use clock_runner::{ClockRunner, RunEnd, clock_interface};
 pub use contract::{Channel, ContractError, Edge, LoopContract, LoopTiming};
 pub use engine::{Blocked, Engine, Input, LoopError, Route};
+pub use hub::Hub;
 pub(crate) use links::DdsLinks;
 pub use runner::RunError;
-pub(crate) use runner::{Incoming, Runner};
+pub(crate) use runner::{Incoming, Links, Runner};
 
 /// Largest payload a loop message may have, bytes: with its bundle's header it still fits one UDP datagram.
 pub const MESSAGE_BYTES_MAX: usize = 60_000;

@@ -45,6 +45,16 @@ pub(crate) trait Links: Send {
     fn send_status(&mut self, status: LoopStatus) -> Result<(), RunError>;
 }
 
+impl Links for Box<dyn Links> {
+    fn send_bundle(&mut self, edge: usize, bundle: LoopBundle) -> Result<(), RunError> {
+        (**self).send_bundle(edge, bundle)
+    }
+
+    fn send_status(&mut self, status: LoopStatus) -> Result<(), RunError> {
+        (**self).send_status(status)
+    }
+}
+
 /// Why a node left the loop.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
