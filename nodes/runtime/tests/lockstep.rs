@@ -1,5 +1,7 @@
 //! The loop over real DDS: toy nodes in threads, each with a participant of its own.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::thread::JoinHandle;
@@ -220,7 +222,7 @@ impl FeederNode for Toy {
                 for event in deliver.poll(io) {
                     match event {
                         ServerEvent::Requested(request) if tick.is_multiple_of(4) => {
-                            deliver.reject(io, request, "fourth")
+                            deliver.reject(io, request, "fourth");
                         }
                         ServerEvent::Requested(request) => {
                             goals.push((request.id, tick + 25));

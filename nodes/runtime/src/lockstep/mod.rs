@@ -14,6 +14,7 @@ mod clock_runner;
 mod contract;
 mod engine;
 mod links;
+mod routing;
 mod runner;
 
 pub use clock::{Clock, ClockError, STALL_LIMIT, Speed};
