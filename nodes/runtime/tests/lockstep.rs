@@ -1,5 +1,7 @@
 //! The loop over real DDS: toy nodes in threads, each with a participant of its own.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::thread::JoinHandle;
@@ -7,7 +9,7 @@ use std::time::Duration;
 
 use feeder_runtime::dds::{Domain, NodeName, Participant, Qos};
 use feeder_runtime::digest::{self, Digest, DigestLine};
-use feeder_runtime::launch::{Seat, full_name, run_opened};
+use feeder_runtime::launch::{Seat, full_name, run_in_loop, run_opened};
 use feeder_runtime::lockstep::{Clock, ClockRunner, LoopContract, LoopTiming, Speed};
 use feeder_runtime::node::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, Client, ClientEvent, Declare, FeederNode,
@@ -220,7 +222,7 @@ impl FeederNode for Toy {
                 for event in deliver.poll(io) {
                     match event {
                         ServerEvent::Requested(request) if tick.is_multiple_of(4) => {
-                            deliver.reject(io, request, "fourth")
+                            deliver.reject(io, request, "fourth");
                         }
                         ServerEvent::Requested(request) => {
                             goals.push((request.id, tick + 25));
@@ -446,4 +448,20 @@ fn a_loop_that_lacks_a_node_does_not_start_and_says_who() {
     for name in NAMES {
         assert!(error.contains(&format!("/toy/{name} was never heard")), "{error}");
     }
+}
+
+#[test]
+fn a_run_of_another_tick_than_the_configurations_is_refused() {
+    let domain = TestDomain::claim();
+    let mut contract = contract(1);
+    contract.timing.tick_ns *= 2;
+    let seat = Seat {
+        contract: Arc::new(contract),
+        namespace: NAMESPACE.into(),
+        domain: *domain,
+        digest_dir: None,
+        stop: Arc::default(),
+    };
+    let error = run_in_loop::<Toy>(&seat, &NoConfig).unwrap_err().to_string();
+    assert_eq!(error, "the run's tick is 20ms, but the configuration says 10ms");
 }

@@ -1,5 +1,7 @@
 //! Nodes against the wall clock, over real DDS.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 mod common;
 
 use std::sync::atomic::{AtomicBool, Ordering};

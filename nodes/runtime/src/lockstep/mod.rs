@@ -15,6 +15,7 @@ mod contract;
 mod engine;
 mod hub;
 mod links;
+mod routing;
 mod runner;
 
 pub use clock::{Clock, ClockError, STALL_LIMIT, Speed};

@@ -7,11 +7,12 @@ use std::time::{Duration, Instant};
 
 use minifactory_msgs::msg::{LoopBundle, LoopGrant, LoopStatus};
 
-use super::contract::{Channel, LoopContract};
-use super::engine::{Blocked, Engine, LoopError, Route};
+use super::contract::LoopContract;
+use super::engine::{Blocked, Engine, LoopError};
+use super::routing::{Carries, Routing};
 use crate::digest::Digest;
 use crate::node::{
-    Arrival, Asker, AskerInner, FeederNode, Interface, NodeError, Output, PortKind, StepIo, split_call, with_call,
+    Arrival, Asker, AskerInner, FeederNode, Interface, NodeError, Output, StepIo, split_call, with_call,
 };
 use crate::public::PublicSide;
 
@@ -23,6 +24,8 @@ const HEARTBEAT_PERIOD: Duration = Duration::from_millis(100);
 const CLOCK_LIMIT: Duration = Duration::from_secs(5);
 /// The same before the first grant: the clock waits for all nodes, and gives up sooner than this.
 const START_LIMIT: Duration = Duration::from_secs(60);
+/// A node that fails waits this long for the clock to take note.
+const LAST_WORD_LIMIT: Duration = Duration::from_secs(1);
 /// Steps between looks at the inbox while a node runs ahead.
 const STEPS_PER_LOOK: usize = 4;
 
@@ -114,22 +117,6 @@ pub(crate) struct Runner<N, L> {
     now_ns: Arc<AtomicU64>,
 }
 
-struct Routing {
-    /// In-edge → port of that edge → port of the node.
-    arrivals: Vec<Vec<(usize, Carries)>>,
-    /// Port of the node → where its messages or requests go.
-    sends: Vec<Vec<Route>>,
-    /// In-edge → port of the node → where replies to that edge's client go.
-    replies: Vec<Vec<Option<Route>>>,
-}
-
-#[derive(Clone, Copy)]
-enum Carries {
-    Message,
-    Request,
-    Reply,
-}
-
 impl<N: FeederNode, L: Links> Runner<N, L> {
     pub(crate) fn new(
         node: N,
@@ -171,11 +158,33 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
     /// Runs until the clock ends the run, and tells the clock about any failure.
     pub(crate) fn run(mut self, inbox: &Receiver<Incoming>, stop: &Arc<AtomicBool>) -> Result<(), RunError> {
         let result = self.run_to_the_end(inbox, stop);
-        let error = result.as_ref().err().map(ToString::to_string).unwrap_or_default();
-        let last_word = LoopStatus { error, finished: true, ..self.status() };
-        let told = self.links.send_status(last_word);
+        let told = self.say_last_word(inbox, result.as_ref().err());
         self.digest.finish()?;
         result.and(told)
+    }
+
+    /// Tells the clock that the node leaves, and why. What a participant sends and does not stay for may get lost, so
+    /// a failure is told until the clock answers it by the end of the run.
+    fn say_last_word(&mut self, inbox: &Receiver<Incoming>, error: Option<&RunError>) -> Result<(), RunError> {
+        let message = error.map(ToString::to_string).unwrap_or_default();
+        let last_word = LoopStatus { error: message, finished: true, ..self.status() };
+        let answered = !matches!(error, None | Some(RunError::ClockLost { .. }));
+        let since = Instant::now();
+        loop {
+            self.links.send_status(last_word.clone())?;
+            let again_at = Instant::now() + HEARTBEAT_PERIOD;
+            loop {
+                if !answered || self.engine.ended() || since.elapsed() > LAST_WORD_LIMIT {
+                    return Ok(());
+                }
+                match inbox.recv_timeout(again_at.saturating_duration_since(Instant::now())) {
+                    Ok(Incoming::Grant(grant)) => self.engine.accept_grant(&grant),
+                    Ok(_) => {}
+                    Err(RecvTimeoutError::Timeout) => break,
+                    Err(RecvTimeoutError::Disconnected) => return Ok(()),
+                }
+            }
+        }
     }
 
     fn run_to_the_end(&mut self, inbox: &Receiver<Incoming>, stop: &Arc<AtomicBool>) -> Result<(), RunError> {
@@ -348,61 +357,6 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             goal_tick: self.goal_tick,
             waiting_for,
             ..LoopStatus::default()
-        }
-    }
-}
-
-impl Routing {
-    fn new(node: &str, interface: &Interface, engine: &Engine, contract: &LoopContract) -> Result<Self, LoopError> {
-        let misfit = |name: &str| LoopError::Misfit { node: node.to_owned(), name: name.to_owned() };
-        let mut arrivals = Vec::new();
-        for (_, channels) in engine.in_edges() {
-            let ports = channels.iter().map(|channel| {
-                let (name, carries) = match channel {
-                    Channel::Topic(name) => (name, Carries::Message),
-                    Channel::Request(name) => (name, Carries::Request),
-                    Channel::Reply(name) => (name, Carries::Reply),
-                };
-                let port = interface.ports.iter().position(|port| carries.fits(port.kind) && port.name == *name);
-                port.map(|port| (port, carries)).ok_or_else(|| misfit(name))
-            });
-            arrivals.push(ports.collect::<Result<Vec<_>, _>>()?);
-        }
-        for (index, port) in interface.ports.iter().enumerate() {
-            let hears = matches!(port.kind, PortKind::Subscribe(_) | PortKind::Call(_));
-            if hears && !arrivals.iter().flatten().any(|(port, _)| *port == index) {
-                return Err(misfit(&port.name));
-            }
-        }
-        let sends = interface
-            .ports
-            .iter()
-            .map(|port| match port.kind {
-                PortKind::Publish => engine.routes(&Channel::Topic(port.name.clone())),
-                PortKind::Call(_) => engine.routes(&Channel::Request(port.name.clone())),
-                PortKind::Subscribe(_) | PortKind::Serve => Vec::new(),
-            })
-            .collect();
-        let in_edges = engine.in_edges().count();
-        let replies = (0..in_edges)
-            .map(|edge| {
-                let reply = |port: &crate::node::Port| {
-                    let channel = Channel::Reply(port.name.clone());
-                    (port.kind == PortKind::Serve).then(|| engine.reply_route(contract, edge, &channel)).flatten()
-                };
-                interface.ports.iter().map(reply).collect()
-            })
-            .collect();
-        Ok(Self { arrivals, sends, replies })
-    }
-}
-
-impl Carries {
-    fn fits(self, kind: PortKind) -> bool {
-        match self {
-            Self::Message => matches!(kind, PortKind::Subscribe(_)),
-            Self::Request => kind == PortKind::Serve,
-            Self::Reply => matches!(kind, PortKind::Call(_)),
         }
     }
 }

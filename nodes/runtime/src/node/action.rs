@@ -106,7 +106,7 @@ pub struct GoalRequest<A: Action> {
 /// The server's side of an action: [`Goals`] behind ports.
 pub struct ActionServer<A: Action> {
     ports: ActionServerPorts<A>,
-    goals: Goals<A::Result, Asker>,
+    goals: Goals<A::GetResultResponse, Asker>,
     /// Goals that are neither accepted nor rejected yet.
     undecided: BTreeSet<GoalId>,
     changed: bool,
@@ -142,12 +142,14 @@ impl<A: Action> ActionServer<A> {
         }
         for (asker, request) in io.requests(&self.ports.get_result) {
             let id: UUID = request.into();
-            let (asker, status, result) = match self.goals.result(id.into(), asker) {
-                ResultOf::Known(asker, status, result) => (asker, status, result.clone()),
-                ResultOf::Unknown(asker) => (asker, GoalStatus::Unknown, A::Result::default()),
-                ResultOf::Later => continue,
-            };
-            io.reply(&self.ports.get_result, asker, &(status as i8, result).into());
+            match self.goals.result(id.into(), asker) {
+                ResultOf::Known(asker, _, response) => io.reply(&self.ports.get_result, asker, response),
+                ResultOf::Unknown(asker) => {
+                    let unknown = (GoalStatus::Unknown as i8, A::Result::default()).into();
+                    io.reply(&self.ports.get_result, asker, &unknown);
+                }
+                ResultOf::Later => {}
+            }
         }
         self.publish_status(io);
         events
@@ -185,10 +187,11 @@ impl<A: Action> ActionServer<A> {
             // client does, the goal is canceling already.
             let _ = self.goals.begin_cancel(id);
         }
-        match self.goals.finish(id, end.status(), result.clone(), now(io)) {
+        let response: A::GetResultResponse = (end.status() as i8, result).into();
+        match self.goals.finish(id, end.status(), response.clone(), now(io)) {
             Ok(waiting) => {
                 for asker in waiting {
-                    io.reply(&self.ports.get_result, asker, &(end.status() as i8, result.clone()).into());
+                    io.reply(&self.ports.get_result, asker, &response);
                 }
                 self.changed = true;
                 self.publish_status(io);

@@ -227,7 +227,7 @@ impl Simulation {
         let status = status(&self.contract.nodes[node], self.engines[node].next_tick());
         self.clock.accept(&status, std::time::Duration::ZERO).unwrap();
         if let Some(grant) = self.clock.grant(std::time::Duration::ZERO, self.random.random()) {
-            self.grants.iter_mut().for_each(|grants| grants.push_back(grant.clone()));
+            self.grants.iter_mut().for_each(|grants| grants.push_back(grant));
         }
     }
 

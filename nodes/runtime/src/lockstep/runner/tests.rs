@@ -10,8 +10,12 @@ use crate::node::{Declare, Latency};
 
 const TICK_NS: u64 = 10_000_000;
 
-/// A node that dawdles in each step.
-struct Toy(Option<Duration>);
+/// A node that dawdles in each step, or fails.
+enum Toy {
+    Quick,
+    Slow,
+    Failing,
+}
 
 #[derive(Default, Clone)]
 struct NoConfig;
@@ -40,11 +44,15 @@ impl FeederNode for Toy {
     fn declare(_: &mut Declare, _: &NoConfig) {}
 
     fn open((): (), _: &NoConfig) -> Result<Self, NodeError> {
-        Ok(Self(None))
+        Ok(Self::Quick)
     }
 
     fn step(&mut self, _: &mut StepIo) -> Result<(), NodeError> {
-        self.0.into_iter().for_each(std::thread::sleep);
+        match self {
+            Self::Quick => {}
+            Self::Slow => std::thread::sleep(HEARTBEAT_PERIOD),
+            Self::Failing => return Err(NodeError::new("out of order")),
+        }
         Ok(())
     }
 }
@@ -85,7 +93,7 @@ fn contract(nodes: &[(String, Interface)]) -> LoopContract {
 
 fn runner(contract: &LoopContract, interface: Interface, links: Kept) -> Result<Runner<Toy, Kept>, LoopError> {
     let digest = Digest::new(None, "/b", &[]);
-    Runner::new(Toy(None), "/b".into(), interface, contract, links, None, digest)
+    Runner::new(Toy::Quick, "/b".into(), interface, contract, links, None, digest)
 }
 
 /// A clock that hears nothing for a while takes a node for dead.
@@ -95,11 +103,11 @@ fn regress_a_node_reports_also_while_its_steps_are_slow() {
     let contract = contract(&[("/b".into(), alone.clone())]);
     let kept = Kept::default();
     let mut runner = runner(&contract, alone, kept.clone()).unwrap();
-    runner.node.0 = Some(HEARTBEAT_PERIOD);
+    runner.node = Toy::Slow;
     let (sender, inbox) = channel();
     // The window ends far behind the third step, and a quarter of it too.
     let grant = LoopGrant { run_id: 7, until_tick: 40, end_tick: 3, ended: false };
-    sender.send(Incoming::Grant(grant.clone())).unwrap();
+    sender.send(Incoming::Grant(grant)).unwrap();
     let stop = Arc::new(AtomicBool::new(false));
     let clock = std::thread::spawn({
         let kept = kept.clone();
@@ -118,6 +126,34 @@ fn regress_a_node_reports_also_while_its_steps_are_slow() {
     }
     let last = statuses.last().unwrap();
     assert!(last.finished && last.error.is_empty(), "{last:?}");
+}
+
+/// The first of them may be lost on the way, when the node has left before it was acknowledged.
+#[test]
+fn regress_a_failing_node_says_so_until_the_clock_has_heard() {
+    let alone = interface(publishes);
+    let contract = contract(&[("/b".into(), alone.clone())]);
+    let kept = Kept::default();
+    let mut runner = runner(&contract, alone, kept.clone()).unwrap();
+    runner.node = Toy::Failing;
+    let (sender, inbox) = channel();
+    let grant = LoopGrant { run_id: 7, until_tick: 40, end_tick: 40, ended: false };
+    sender.send(Incoming::Grant(grant)).unwrap();
+    let clock = std::thread::spawn({
+        let kept = kept.clone();
+        move || {
+            while kept.0.lock().unwrap().iter().filter(|status| status.finished).count() < 3 {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            sender.send(Incoming::Grant(LoopGrant { ended: true, ..grant })).unwrap();
+        }
+    });
+    let error = runner.run(&inbox, &Arc::new(AtomicBool::new(false))).unwrap_err();
+    clock.join().unwrap();
+    assert_eq!(error.to_string(), "out of order");
+    let statuses = kept.0.lock().unwrap();
+    let last_words: Vec<_> = statuses.iter().filter(|status| status.finished).collect();
+    assert!(last_words.iter().all(|status| *status == last_words[0] && status.error == "out of order"), "{statuses:?}");
 }
 
 #[test]
