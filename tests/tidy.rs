@@ -84,6 +84,18 @@ fn nodes_live_under_their_name() {
     }
 }
 
+#[test]
+fn no_test_is_left_out() {
+    let tests = Path::new(ROOT).join("tests");
+    let suite = std::fs::read_to_string(tests.join("suite.rs")).unwrap();
+    for entry in std::fs::read_dir(tests).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_stem().unwrap().to_str().unwrap();
+        let is_module = path.extension().is_some_and(|extension| extension == "rs") && name != "suite";
+        assert!(!is_module || suite.contains(&format!("\nmod {name};\n")), "suite.rs does not name {name}");
+    }
+}
+
 /// Paths of all files under version control.
 fn files() -> Vec<String> {
     let output = Command::new("git").args(["ls-files", "-z"]).current_dir(ROOT).output().unwrap();

@@ -170,8 +170,8 @@ fn load_scenario(args: &UpArgs) -> anyhow::Result<Scenario> {
     Ok(scenario)
 }
 
-/// The domain of `--domain` or the environment. Without a word about the range it is ROS 2's, the subnet: a peer with
-/// default settings on this host may listen on another network interface than loopback, and would see nothing otherwise.
+/// The domain of `--domain` or the environment. The range is ROS 2's default, SUBNET, unless the environment says
+/// otherwise: a Cyclone DDS with default settings does not find participants that are on the loopback interface alone.
 fn domain(args: &UpArgs) -> anyhow::Result<Domain> {
     let mut domain = Domain::from_env()?;
     if let Some(id) = args.domain {
