@@ -18,12 +18,16 @@ struct Cli {
 enum Command {
     FeedRate(analysis::feed_rate::Args),
     TrayMap(analysis::tray_map::Args),
+    Figures(analysis::figures::Args),
+    Optimize(analysis::optimize::Args),
 }
 
 fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),
+        Command::Figures(args) => analysis::figures::run(&args),
+        Command::Optimize(args) => analysis::optimize::run(&args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
