@@ -32,6 +32,8 @@ enum Command {
     PlanMove(plan_move::Args),
     FeedRate(analysis::feed_rate::Args),
     TrayMap(analysis::tray_map::Args),
+    Figures(analysis::figures::Args),
+    Optimize(analysis::optimize::Args),
 }
 
 /// Run one node of a scenario.
@@ -57,6 +59,8 @@ fn main() -> ExitCode {
         Command::PlanMove(args) => plan_move::run(&args),
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),
+        Command::Figures(args) => analysis::figures::run(&args),
+        Command::Optimize(args) => analysis::optimize::run(&args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -8,6 +8,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 use feeder_core::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_core::mechanics::Friction;
+use feeder_core::tray::TrayGeometry;
 use feeder_core::waveform::{Axis, OptimalDesign, Waveform};
 
 /// Friction and gravity.
@@ -27,6 +28,34 @@ pub(crate) struct FrictionArgs {
 impl FrictionArgs {
     pub(crate) fn friction(&self) -> Result<Friction> {
         Ok(Friction::new(self.mu_static.unwrap_or(self.mu), self.mu)?)
+    }
+}
+
+/// The geometry of a tray; by default the paper's.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct TrayArgs {
+    /// Radius of the inner wall, m.
+    #[arg(long, default_value_t = TrayGeometry::PAPER.inner_radius_m, allow_negative_numbers = true)]
+    inner_radius: f64,
+    /// Radius of the outer wall, m.
+    #[arg(long, default_value_t = TrayGeometry::PAPER.outer_radius_m, allow_negative_numbers = true)]
+    outer_radius: f64,
+    /// Height of the plateau above the foot of the ramp, m.
+    #[arg(long, default_value_t = TrayGeometry::PAPER.rise_m, allow_negative_numbers = true)]
+    rise: f64,
+    /// Angle spanned by the ramp, degrees.
+    #[arg(long, default_value_t = TrayGeometry::PAPER.ramp_angle_rad.to_degrees(), allow_negative_numbers = true)]
+    ramp_deg: f64,
+}
+
+impl TrayArgs {
+    pub(crate) fn geometry(&self) -> TrayGeometry {
+        TrayGeometry {
+            inner_radius_m: self.inner_radius,
+            outer_radius_m: self.outer_radius,
+            rise_m: self.rise,
+            ramp_angle_rad: self.ramp_deg.to_radians(),
+        }
     }
 }
 

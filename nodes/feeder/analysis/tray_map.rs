@@ -4,11 +4,10 @@ use anyhow::Result;
 use clap::Args as ClapArgs;
 use feeder_core::mechanics::annular::AnnularTrack;
 use feeder_core::mechanics::map::TrayMap;
-use feeder_core::tray::TrayGeometry;
 use feeder_core::waveform::Axis;
 use serde::Serialize;
 
-use super::arguments::{FrictionArgs, OptimalTrack, WaveformArgs};
+use super::arguments::{FrictionArgs, OptimalTrack, TrayArgs, WaveformArgs};
 use super::print_json;
 
 /// How fast a yaw waveform feeds parts on ramp and plateau at each radius of an annular tray, as JSON.
@@ -37,23 +36,6 @@ pub(crate) struct Args {
     design_radius: Option<f64>,
 }
 
-/// The geometry of a tray; by default the paper's.
-#[derive(Debug, ClapArgs)]
-struct TrayArgs {
-    /// Radius of the inner wall, m.
-    #[arg(long, default_value_t = TrayGeometry::PAPER.inner_radius_m, allow_negative_numbers = true)]
-    inner_radius: f64,
-    /// Radius of the outer wall, m.
-    #[arg(long, default_value_t = TrayGeometry::PAPER.outer_radius_m, allow_negative_numbers = true)]
-    outer_radius: f64,
-    /// Height of the plateau above the foot of the ramp, m.
-    #[arg(long, default_value_t = TrayGeometry::PAPER.rise_m, allow_negative_numbers = true)]
-    rise: f64,
-    /// Angle spanned by the ramp, degrees.
-    #[arg(long, default_value_t = TrayGeometry::PAPER.ramp_angle_rad.to_degrees(), allow_negative_numbers = true)]
-    ramp_deg: f64,
-}
-
 #[derive(Debug, Serialize)]
 struct Report {
     radii: Vec<RadiusReport>,
@@ -70,12 +52,7 @@ struct RadiusReport {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let tray = TrayGeometry {
-        inner_radius_m: args.tray.inner_radius,
-        outer_radius_m: args.tray.outer_radius,
-        rise_m: args.tray.rise,
-        ramp_angle_rad: args.tray.ramp_deg.to_radians(),
-    };
+    let tray = args.tray.geometry();
     let track = AnnularTrack::new(tray, args.friction.friction()?, args.friction.gravity)?;
     let design_radius_m = track.check_radius(args.design_radius.unwrap_or(tray.outer_radius_m))?;
     let optimal = OptimalTrack {

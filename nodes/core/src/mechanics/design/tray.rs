@@ -268,7 +268,12 @@ impl TrayGoal {
         }))
     }
 
-    fn check(&self) -> Result<(), OutOfRange> {
+    /// Checks every parameter of the goal.
+    ///
+    /// # Errors
+    ///
+    /// The first parameter out of its range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
         check_limits(&self.limits)?;
         check_slope(0.0, self.gravity_m_s2)?;
         OutOfRange::unless_positive("spacing_parts", self.spacing_parts)?;

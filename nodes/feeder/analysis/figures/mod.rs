@@ -1,0 +1,118 @@
+//! `feeder figures`: the figures of the paper from this model, and what becomes of its claims.
+
+mod claims;
+mod incline;
+mod motion;
+mod tray;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use clap::Args as ClapArgs;
+use feeder_core::gravity::STANDARD_GRAVITY_M_S2;
+use feeder_core::mechanics::Friction;
+use feeder_core::mechanics::slope::{Drive, Track};
+use feeder_core::waveform::{Axis, Waveform};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::chart::Chart;
+
+/// Friction of the paper's simulations.
+const MU: f64 = 0.2;
+/// Period of Figs 11 to 15, s.
+const SHORT_PERIOD_S: f64 = 1.0 / 30.0;
+/// Period of the experiments in Figs 6 and 8, s.
+const LONG_PERIOD_S: f64 = 0.05;
+
+/// Draw Figs 4, 6, 7, 8, 11, 12, 13 and 15 of the paper as SVG and CSV, with its printed and measured values beside the
+/// model's, and write claims.md: claim by claim, reproduced, refuted or not decidable.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Args {
+    /// Folder for the figures; made if need be.
+    #[arg(long)]
+    out: PathBuf,
+}
+
+pub(crate) fn run(args: &Args) -> Result<()> {
+    let folder: &Path = &args.out;
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("cannot create the folder {}", folder.display()))?;
+    type Figure = (&'static str, fn() -> Result<Chart>);
+    let figures: [Figure; 11] = [
+        ("fig04_stick_slip_motion", motion::stick_slip_speeds),
+        ("fig06_stick_slip_experiment", motion::stick_slip_travel),
+        ("fig07_coulomb_pump_motion", motion::coulomb_pump_speeds),
+        ("fig08_coulomb_pump_experiment", motion::coulomb_pump_travel),
+        (
+            "fig08_coulomb_pump_cycle_means",
+            motion::coulomb_pump_cycle_means,
+        ),
+        ("fig11_stick_slip_on_a_slope", incline::stick_slip),
+        ("fig12_coulomb_pump_on_a_slope", incline::coulomb_pump),
+        ("fig12_zero_feed_slope", incline::zero_feed_slopes),
+        ("fig13_running_surface", tray::running_surface),
+        ("fig15_speed_against_radius", tray::speed_against_radius),
+        (
+            "fig15_parts_after_five_seconds",
+            tray::parts_after_five_seconds,
+        ),
+    ];
+    let bar = ProgressBar::new(u64::try_from(figures.len())? + 1);
+    bar.set_style(
+        ProgressStyle::with_template("{msg:>32} [{bar:40}] {pos}/{len}")?.progress_chars("=> "),
+    );
+    for (stem, draw) in figures {
+        bar.set_message(stem);
+        draw()?.write(folder, stem)?;
+        bar.inc(1);
+    }
+    bar.set_message("claims.md");
+    let path = folder.join("claims.md");
+    std::fs::write(&path, claims::page()?)
+        .with_context(|| format!("cannot write {}", path.display()))?;
+    bar.finish_and_clear();
+    println!("{}", path.display());
+    Ok(())
+}
+
+/// μ g for the paper's friction, m/s².
+fn mu_g() -> f64 {
+    MU * STANDARD_GRAVITY_M_S2
+}
+
+/// The waveform of the stick-slip experiment, Fig. 6.
+fn fig6_waveform() -> Result<Waveform> {
+    Ok(Waveform::stick_slip(Axis::X, LONG_PERIOD_S, 1.6, 10.1)?)
+}
+
+/// The waveform of the Coulomb pump experiment, Fig. 8.
+fn fig8_waveform() -> Result<Waveform> {
+    Ok(Waveform::coulomb_pump(Axis::X, LONG_PERIOD_S, 10.3, 0.37)?)
+}
+
+/// The waveform of the simulated tray, Fig. 15: 9.0 m and 66.7 m rad/s² with m = μ g as a number.
+fn fig15_waveform() -> Result<Waveform> {
+    Ok(Waveform::stick_slip(
+        Axis::Yaw,
+        SHORT_PERIOD_S,
+        9.0 * mu_g(),
+        66.7 * mu_g(),
+    )?)
+}
+
+/// A waveform on a straight track.
+fn drive(waveform: &Waveform, mu: f64, slope_deg: f64) -> Result<Drive> {
+    let track = Track::new(
+        Friction::uniform(mu)?,
+        slope_deg.to_radians(),
+        STANDARD_GRAVITY_M_S2,
+    )?;
+    Ok(track.drive(waveform, 1.0)?)
+}
+
+/// Steady feed, mm/s; NaN where parts slide down without end.
+fn feed_mm_s(waveform: &Waveform, mu: f64, slope_deg: f64) -> Result<f64> {
+    Ok(drive(waveform, mu, slope_deg)?
+        .steady()
+        .map_or(f64::NAN, |steady| steady.feed_m_s * 1e3))
+}
