@@ -114,18 +114,9 @@ fn bad_input_names_the_parameter_and_its_range() {
         (format!("{map} --inner-radius 0.1 --radius 0.08"), "radius"),
         (format!("{map} --ramp-deg 400 --radius 0.08"), "ramp_angle"),
         ("optimize waveform --period 0 --a-max 11".into(), "period"),
-        (
-            "optimize waveform --period 0.05 --a-max 11 --slope-deg 12".into(),
-            "slope",
-        ),
-        (
-            "optimize waveform --period 0.05 --a-max 11 --mu-tolerance 1".into(),
-            "--mu-tolerance",
-        ),
-        (
-            "optimize waveform --period 0.05 --a-max 100 --radius 0.2".into(),
-            "radius",
-        ),
+        ("optimize waveform --period 0.05 --a-max 11 --slope-deg 12".into(), "slope"),
+        ("optimize waveform --period 0.05 --a-max 11 --mu-tolerance 1".into(), "--mu-tolerance"),
+        ("optimize waveform --period 0.05 --a-max 100 --radius 0.2".into(), "radius"),
         ("optimize tray --part-length 0.1".into(), "length_m"),
         ("optimize tray --spacing 0".into(), "spacing"),
         (format!("{map} --rise NaN --radius 0.08"), "rise"),
@@ -150,29 +141,15 @@ fn scratch_folder(name: &str) -> PathBuf {
 fn optimized_waveforms_come_as_files_that_feed_as_reported() {
     let folder = scratch_folder("waveforms");
     let limits = "--slope-deg 4 --period 0.0333 --a-max 11.772 --starts 3 --steps 600";
-    let output = feeder(&format!(
-        "optimize waveform {limits} --out {}",
-        folder.display()
-    ));
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    let output = feeder(&format!("optimize waveform {limits} --out {}", folder.display()));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let report: Value = serde_saphyr::from_slice(&output.stdout).unwrap();
     assert_eq!(report["nominal"]["proven"], true);
     assert_near(&report["nominal"]["share_of_bound"], 1.0, 1e-12);
     for (name, mu) in [("nominal", 0.2), ("robust", 0.15)] {
         let file = folder.join(format!("waveform_{name}.yaml"));
-        let feed = json(&format!(
-            "feed-rate --waveform {} --slope-deg 4 --mu {mu}",
-            file.display()
-        ));
-        assert_near(
-            &report[name]["feeds_m_s"][0],
-            feed["feed_m_s"].as_f64().unwrap(),
-            1e-12,
-        );
+        let feed = json(&format!("feed-rate --waveform {} --slope-deg 4 --mu {mu}", file.display()));
+        assert_near(&report[name]["feeds_m_s"][0], feed["feed_m_s"].as_f64().unwrap(), 1e-12);
     }
 }
 
@@ -181,11 +158,7 @@ fn optimized_trays_come_with_a_front_and_are_the_same_for_the_same_seed() {
     let search = "optimize tray --spacing 2,3 --period 0.0333 --mu-tolerance 0.1 --starts 1 --steps 60 --seed 3";
     let folder = scratch_folder("trays");
     let output = feeder(&format!("{search} --out {}", folder.display()));
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let report: Value = serde_saphyr::from_slice(&output.stdout).unwrap();
     assert_near(&report["paper"]["parts_per_min"], 25.24, 0.01);
     for point in report["nominal"].as_array().unwrap() {
@@ -193,12 +166,7 @@ fn optimized_trays_come_with_a_front_and_are_the_same_for_the_same_seed() {
         assert!(point["times_paper"].as_f64().unwrap() > 1.0);
         assert!(point["spacing_in_two_dimensions"].as_f64().unwrap() > 0.999 * wanted);
     }
-    for file in [
-        "tray_robust_spacing_2.yaml",
-        "waveform_nominal_spacing_3.yaml",
-        "pareto.svg",
-        "pareto.csv",
-    ] {
+    for file in ["tray_robust_spacing_2.yaml", "waveform_nominal_spacing_3.yaml", "pareto.svg", "pareto.csv"] {
         assert!(folder.join(file).metadata().unwrap().len() > 0, "{file}");
     }
     assert_eq!(feeder(search).stdout, output.stdout);
@@ -208,39 +176,18 @@ fn optimized_trays_come_with_a_front_and_are_the_same_for_the_same_seed() {
 fn figures_come_with_their_numbers_and_a_page_of_claims() {
     let folder = scratch_folder("figures");
     let output = feeder(&format!("figures --out {}", folder.display()));
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let files: Vec<String> = folder
-        .read_dir()
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .collect();
-    for figure in [
-        "fig04", "fig06", "fig07", "fig08", "fig11", "fig12", "fig13", "fig15",
-    ] {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let files: Vec<String> =
+        folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    for figure in ["fig04", "fig06", "fig07", "fig08", "fig11", "fig12", "fig13", "fig15"] {
         for kind in ["svg", "csv"] {
-            assert!(
-                files
-                    .iter()
-                    .any(|file| file.starts_with(figure) && file.ends_with(kind)),
-                "{figure} as {kind}"
-            );
+            assert!(files.iter().any(|file| file.starts_with(figure) && file.ends_with(kind)), "{figure} as {kind}");
         }
     }
     let page = std::fs::read_to_string(folder.join("claims.md")).unwrap();
-    for number in [
-        "12.497",
-        "0.2147",
-        "0.202",
-        "17.626",
-        "8.54, 7.87, 5.60, 3.00, 0.23, -2.69",
-        "57.6 mm",
-        "31.8 mm",
-        "34 %",
-    ] {
+    for number in
+        ["12.497", "0.2147", "0.202", "17.626", "8.54, 7.87, 5.60, 3.00, 0.23, -2.69", "57.6 mm", "31.8 mm", "34 %"]
+    {
         assert!(page.contains(number), "{number} in\n{page}");
     }
     for verdict in ["| reproduced |", "| refuted |", "| not decidable |"] {

@@ -4,7 +4,9 @@
 
 mod analysis;
 mod common;
+mod cyclone;
 mod faults;
 mod interop;
 mod system;
 mod tidy;
+mod wall_clock;

@@ -1,7 +1,5 @@
 //! Nodes without simulated time, as on hardware: paced by the wall clock, together over the ROS graph alone.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -57,9 +57,7 @@ impl TypeInfo {
 ///
 /// A message may have a constant `INFO` of its own (`rcl_interfaces/Log` has), so write `<M as Message>::INFO` where the
 /// type is not a parameter.
-pub trait Message:
-    Serialize + DeserializeOwned + Clone + Debug + Default + PartialEq + Send + Sync + 'static
-{
+pub trait Message: Serialize + DeserializeOwned + Clone + Debug + Default + PartialEq + Send + Sync + 'static {
     /// Names, definition and hash.
     const INFO: TypeInfo;
 }

@@ -22,10 +22,7 @@ fn samples() -> BTreeMap<&'static str, Vec<u8>> {
 }
 
 fn bytes(hex: &str) -> Vec<u8> {
-    (0..hex.len())
-        .step_by(2)
-        .map(|at| u8::from_str_radix(&hex[at..at + 2], 16).expect("hexadecimal"))
-        .collect()
+    (0..hex.len()).step_by(2).map(|at| u8::from_str_radix(&hex[at..at + 2], 16).expect("hexadecimal")).collect()
 }
 
 /// Takes each type's sample apart and puts it together again.
@@ -36,12 +33,8 @@ struct RoundTrip {
 impl MessageVisitor for RoundTrip {
     fn visit<M: Message>(&mut self) {
         let name = M::INFO.ros_type();
-        let sample = self
-            .samples
-            .remove(name.as_str())
-            .unwrap_or_else(|| panic!("no sample of {name}"));
-        let (message, consumed) =
-            cdr_encoding::from_bytes::<M, LittleEndian>(&sample).expect(&name);
+        let sample = self.samples.remove(name.as_str()).unwrap_or_else(|| panic!("no sample of {name}"));
+        let (message, consumed) = cdr_encoding::from_bytes::<M, LittleEndian>(&sample).expect(&name);
         assert_eq!(consumed, sample.len(), "{name}");
         assert_ne!(message, M::default(), "{name}: the sample proves little");
         let encoded = cdr_encoding::to_vec::<M, LittleEndian>(&message).expect(&name);
@@ -53,11 +46,7 @@ impl MessageVisitor for RoundTrip {
 fn every_message_is_encoded_as_rosbags_encodes_it() {
     let mut visitor = RoundTrip { samples: samples() };
     visit_messages(&mut visitor);
-    assert!(
-        visitor.samples.is_empty(),
-        "types without Rust: {:?}",
-        visitor.samples.keys()
-    );
+    assert!(visitor.samples.is_empty(), "types without Rust: {:?}", visitor.samples.keys());
 }
 
 /// Feeds each type with another type's sample, cut off at every length.

@@ -27,24 +27,18 @@ fn read(file: &str) -> String {
 #[test]
 fn cmake_generates_exactly_the_definitions_there_are() {
     let cmake = read("CMakeLists.txt");
-    let listed: BTreeSet<_> = cmake
-        .lines()
-        .filter_map(|line| line.trim().strip_prefix('"')?.strip_suffix('"'))
-        .collect();
-    let files: Vec<_> = own()
-        .iter()
-        .map(|source| format!("{0}/{1}.{0}", source.namespace.as_str(), source.name))
-        .collect();
+    let listed: BTreeSet<_> =
+        cmake.lines().filter_map(|line| line.trim().strip_prefix('"')?.strip_suffix('"')).collect();
+    let files: Vec<_> =
+        own().iter().map(|source| format!("{0}/{1}.{0}", source.namespace.as_str(), source.name)).collect();
     assert_eq!(listed, files.iter().map(String::as_str).collect());
 }
 
 #[test]
 fn the_packages_that_are_used_are_declared() {
     let (cmake, manifest) = (read("CMakeLists.txt"), read("package.xml"));
-    let dependencies = cmake
-        .lines()
-        .find_map(|line| line.trim().strip_prefix("DEPENDENCIES "))
-        .expect("a line of dependencies");
+    let dependencies =
+        cmake.lines().find_map(|line| line.trim().strip_prefix("DEPENDENCIES ")).expect("a line of dependencies");
     let catalogue = catalogue();
     let used: BTreeSet<_> = catalogue
         .structures()
@@ -57,14 +51,8 @@ fn the_packages_that_are_used_are_declared() {
         .collect();
     assert_eq!(dependencies.split(' ').collect::<BTreeSet<_>>(), used);
     for package in used {
-        assert!(
-            cmake.contains(&format!("find_package({package} REQUIRED)")),
-            "{package}"
-        );
-        assert!(
-            manifest.contains(&format!("<depend>{package}</depend>")),
-            "{package}"
-        );
+        assert!(cmake.contains(&format!("find_package({package} REQUIRED)")), "{package}");
+        assert!(manifest.contains(&format!("<depend>{package}</depend>")), "{package}");
     }
     assert!(manifest.contains("<build_type>ament_cmake</build_type>"));
     assert!(manifest.contains(&format!("<version>{}</version>", env!("CARGO_PKG_VERSION"))));
@@ -78,29 +66,15 @@ fn every_field_and_constant_of_our_own_is_explained() {
         }
         let name = &structure.name;
         for field in &structure.body.fields {
-            assert!(
-                !field.doc.is_empty(),
-                "{name}: {} has no comment",
-                field.name
-            );
+            assert!(!field.doc.is_empty(), "{name}: {} has no comment", field.name);
             if field.ty.element == Element::Float64 {
                 let doc = field.doc.join(" ");
-                let names_unit = ["second", "metre", "m/s", "rad"]
-                    .iter()
-                    .any(|unit| doc.contains(unit));
-                assert!(
-                    names_unit,
-                    "{name}: the comment of {} has no unit",
-                    field.name
-                );
+                let names_unit = ["second", "metre", "m/s", "rad"].iter().any(|unit| doc.contains(unit));
+                assert!(names_unit, "{name}: the comment of {} has no unit", field.name);
             }
         }
         for constant in &structure.body.constants {
-            assert!(
-                !constant.doc.is_empty(),
-                "{name}: {} has no comment",
-                constant.name
-            );
+            assert!(!constant.doc.is_empty(), "{name}: {} has no comment", constant.name);
         }
     }
 }
@@ -108,20 +82,12 @@ fn every_field_and_constant_of_our_own_is_explained() {
 #[test]
 fn standard_definitions_state_facts_only() {
     for source in Source::read_packages(&root().join("standard")).expect("standard definitions") {
-        assert!(
-            !source.text.contains('#'),
-            "{} has comments",
-            source.file.display()
-        );
+        assert!(!source.text.contains('#'), "{} has comments", source.file.display());
     }
     // Large arrays exist, so that their special treatment is under test.
     let catalogue = catalogue();
     let large = |arity| matches!(arity, Arity::Array(size) if size > 32);
-    assert!(catalogue.structures().any(|structure| {
-        structure
-            .body
-            .fields
-            .iter()
-            .any(|field| large(field.ty.arity))
-    }));
+    assert!(
+        catalogue.structures().any(|structure| { structure.body.fields.iter().any(|field| large(field.ty.arity)) })
+    );
 }

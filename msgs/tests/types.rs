@@ -25,21 +25,13 @@ use minifactory_msgs::{
 #[test]
 fn types_have_the_names_that_ros_and_dds_use() {
     let names = [
-        (
-            Waveform::INFO,
-            "minifactory_msgs/msg/Waveform",
-            "minifactory_msgs::msg::dds_::Waveform_",
-        ),
+        (Waveform::INFO, "minifactory_msgs/msg/Waveform", "minifactory_msgs::msg::dds_::Waveform_"),
         (
             <Pick as Service>::Request::INFO,
             "minifactory_msgs/srv/Pick_Request",
             "minifactory_msgs::srv::dds_::Pick_Request_",
         ),
-        (
-            Trigger::INFO,
-            "std_srvs/srv/Trigger",
-            "std_srvs::srv::dds_::Trigger_",
-        ),
+        (Trigger::INFO, "std_srvs/srv/Trigger", "std_srvs::srv::dds_::Trigger_"),
         (
             <DeliverPart as Action>::SendGoalRequest::INFO,
             "minifactory_msgs/action/DeliverPart_SendGoal_Request",
@@ -76,10 +68,7 @@ fn hashes_are_those_that_ros_publishes() {
 
 #[test]
 fn the_registry_lists_every_type_once_in_order() {
-    let names: Vec<_> = TYPES
-        .iter()
-        .map(minifactory_msgs::TypeInfo::ros_type)
-        .collect();
+    let names: Vec<_> = TYPES.iter().map(minifactory_msgs::TypeInfo::ros_type).collect();
     assert!(names.is_sorted_by(|a, b| a < b), "{names:?}");
 
     struct Hashes(BTreeMap<String, &'static str>);
@@ -91,12 +80,7 @@ fn the_registry_lists_every_type_once_in_order() {
     let mut visited = Hashes(BTreeMap::new());
     visit_messages(&mut visited);
     for (name, hash) in visited.0 {
-        assert!(
-            TYPES
-                .iter()
-                .any(|info| info.ros_type() == name && info.type_hash == hash),
-            "{name}"
-        );
+        assert!(TYPES.iter().any(|info| info.ros_type() == name && info.type_hash == hash), "{name}");
     }
 }
 
@@ -109,9 +93,7 @@ fn a_definition_is_followed_by_what_it_refers_to() {
     assert!(text.contains(&format!(
         "\n{rule}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n{rule}\nMSG: minifactory_msgs/WaveformSegment\n{own}{rule}\n"
     )));
-    assert!(text.ends_with(&format!(
-        "{rule}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n"
-    )));
+    assert!(text.ends_with(&format!("{rule}\nMSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n")));
     assert!(
         <FollowJointTrajectory as Action>::FeedbackMessage::INFO
             .definition
@@ -121,15 +103,7 @@ fn a_definition_is_followed_by_what_it_refers_to() {
 
 #[test]
 fn defaults_are_those_of_the_definitions() {
-    assert_eq!(
-        Quaternion::default(),
-        Quaternion {
-            x: 0.0,
-            y: 0.0,
-            z: 0.0,
-            w: 1.0
-        }
-    );
+    assert_eq!(Quaternion::default(), Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 });
     assert!(GetTypeDescriptionRequest::default().include_type_sources);
     assert!(!ParameterDescriptor::default().read_only);
     let pose = PoseWithCovariance::default();
@@ -149,9 +123,7 @@ fn constants_belong_to_their_types() {
 }
 
 /// Compiles only if goals can be handled without knowing the action.
-fn answer<A: Action>(
-    request: A::SendGoalRequest,
-) -> (UUID, A::SendGoalResponse, A::FeedbackMessage) {
+fn answer<A: Action>(request: A::SendGoalRequest) -> (UUID, A::SendGoalResponse, A::FeedbackMessage) {
     let (goal_id, _goal) = request.into();
     let response = (true, Time { sec: 3, nanosec: 5 }).into();
     (goal_id, response, (goal_id, A::Feedback::default()).into())

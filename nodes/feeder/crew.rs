@@ -162,7 +162,9 @@ impl Crew {
 
     fn all_gone(&mut self) -> bool {
         match self {
-            Self::Threads(threads) => threads.iter().all(|(_, thread)| thread.as_ref().is_none_or(JoinHandle::is_finished)),
+            Self::Threads(threads) => {
+                threads.iter().all(|(_, thread)| thread.as_ref().is_none_or(JoinHandle::is_finished))
+            }
             Self::Processes { children, .. } => {
                 children.iter_mut().all(|(_, child)| !matches!(child.try_wait(), Ok(None)))
             }

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 use feeder_core::scenario::Scenario;
-use feeder_runtime::digest::{self, Digest};
 use feeder_runtime::dds::{DiscoveryRange, Domain, NodeName, Participant};
+use feeder_runtime::digest::{self, Digest};
 use feeder_runtime::launch::{Seat, full_name, run_opened};
 use feeder_runtime::lockstep::{Clock, ClockRunner, Hub, LoopContract, LoopTiming, Speed};
 use feeder_runtime::node::{Declare, FeederNode, Interface};
@@ -140,7 +140,8 @@ pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
     clock.finish().context("cannot keep the digest of /clock")?;
 
     let progress = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    let summary = Summary::new(&progress, tick, contract.timing.tick_ns, started_ticking - started, ended - started_ticking);
+    let summary =
+        Summary::new(&progress, tick, contract.timing.tick_ns, started_ticking - started, ended - started_ticking);
     print!("{summary}");
     if let Some(file) = &args.summary {
         write(file, &summary.to_json()?)?;
@@ -178,7 +179,9 @@ fn domain(args: &UpArgs) -> anyhow::Result<Domain> {
         domain.id = id;
     }
     if domain.range == DiscoveryRange::Off {
-        bail!("ROS_AUTOMATIC_DISCOVERY_RANGE=OFF: the nodes could not find each other; allowed here: LOCALHOST, SUBNET");
+        bail!(
+            "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF: the nodes could not find each other; allowed here: LOCALHOST, SUBNET"
+        );
     }
     Ok(domain)
 }

@@ -25,17 +25,13 @@ impl Catalogue {
     /// or contains itself. Services need `service_msgs/ServiceEventInfo`, actions `unique_identifier_msgs/UUID` and
     /// `builtin_interfaces/Time` too.
     pub fn new(sources: &[Source]) -> Result<Self, Error> {
-        let mut catalogue = Self {
-            structures: BTreeMap::new(),
-        };
+        let mut catalogue = Self { structures: BTreeMap::new() };
         for source in sources {
-            catalogue
-                .add(source)
-                .map_err(|LineProblem { line, problem }| Error::Definition {
-                    file: source.file.clone(),
-                    line,
-                    problem,
-                })?;
+            catalogue.add(source).map_err(|LineProblem { line, problem }| Error::Definition {
+                file: source.file.clone(),
+                line,
+                problem,
+            })?;
         }
         catalogue.check_names()?;
         catalogue.check_references()?;
@@ -80,11 +76,7 @@ impl Catalogue {
     }
 
     fn add(&mut self, source: &Source) -> Result<(), LineProblem> {
-        let name = TypeName {
-            package: source.package.clone(),
-            namespace: source.namespace,
-            name: source.name.clone(),
-        };
+        let name = TypeName { package: source.package.clone(), namespace: source.namespace, name: source.name.clone() };
         parse::check_name(Named::Package, &name.package)
             .and_then(|()| parse::check_name(Named::Message, &name.name))
             .map_err(|problem| LineProblem { line: 1, problem })?;
@@ -109,20 +101,11 @@ impl Catalogue {
         }
     }
 
-    fn add_message(
-        &mut self,
-        source: &Source,
-        name: TypeName,
-        section: Section,
-    ) -> Result<(), LineProblem> {
+    fn add_message(&mut self, source: &Source, name: TypeName, section: Section) -> Result<(), LineProblem> {
         let mut body = parse::parse(&section, &source.package)?;
         if body.fields.is_empty() {
             let doc = "Carries nothing: CDR has no empty structures.";
-            let mut field = field(
-                "structure_needs_at_least_one_member",
-                Element::UInt8,
-                Arity::One,
-            );
+            let mut field = field("structure_needs_at_least_one_member", Element::UInt8, Arity::One);
             field.doc.push(doc.to_owned());
             body.fields.push(field);
         }
@@ -144,9 +127,7 @@ impl Catalogue {
             field("response_message", part("_Response"), Arity::One),
             field("event_message", part("_Event"), Arity::One),
         ];
-        let text = ["_Request", "_Response"]
-            .map(|suffix| self.text_of(&name.with_suffix(suffix)))
-            .join("---\n");
+        let text = ["_Request", "_Response"].map(|suffix| self.text_of(&name.with_suffix(suffix))).join("---\n");
         self.insert_derived(source, Role::Event, name.with_suffix("_Event"), event)?;
         self.insert(source, Role::Service, name.clone(), body_of(service), text)
     }
@@ -160,29 +141,17 @@ impl Catalogue {
         };
         let time = Element::Nested(TypeName::message("builtin_interfaces", "Time"));
         let wrappers = [
-            (
-                "_SendGoal_Request",
-                vec![goal_id(), field("goal", part("_Goal"), Arity::One)],
-            ),
+            ("_SendGoal_Request", vec![goal_id(), field("goal", part("_Goal"), Arity::One)]),
             (
                 "_SendGoal_Response",
-                vec![
-                    field("accepted", Element::Bool, Arity::One),
-                    field("stamp", time, Arity::One),
-                ],
+                vec![field("accepted", Element::Bool, Arity::One), field("stamp", time, Arity::One)],
             ),
             ("_GetResult_Request", vec![goal_id()]),
             (
                 "_GetResult_Response",
-                vec![
-                    field("status", Element::Int8, Arity::One),
-                    field("result", part("_Result"), Arity::One),
-                ],
+                vec![field("status", Element::Int8, Arity::One), field("result", part("_Result"), Arity::One)],
             ),
-            (
-                "_FeedbackMessage",
-                vec![goal_id(), field("feedback", part("_Feedback"), Arity::One)],
-            ),
+            ("_FeedbackMessage", vec![goal_id(), field("feedback", part("_Feedback"), Arity::One)]),
         ];
         for (suffix, fields) in wrappers {
             self.insert_derived(source, Role::Wrapper, name.with_suffix(suffix), fields)?;
@@ -197,17 +166,13 @@ impl Catalogue {
             field("get_result_service", part("_GetResult"), Arity::One),
             field("feedback_message", part("_FeedbackMessage"), Arity::One),
         ];
-        let text = ["_Goal", "_Result", "_Feedback"]
-            .map(|suffix| self.text_of(&name.with_suffix(suffix)))
-            .join("---\n");
+        let text =
+            ["_Goal", "_Result", "_Feedback"].map(|suffix| self.text_of(&name.with_suffix(suffix))).join("---\n");
         self.insert(source, Role::Action, name.clone(), body_of(action), text)
     }
 
     fn text_of(&self, name: &TypeName) -> String {
-        self.structures
-            .get(name)
-            .map(|structure| structure.text.clone())
-            .unwrap_or_default()
+        self.structures.get(name).map(|structure| structure.text.clone()).unwrap_or_default()
     }
 
     fn insert_derived(
@@ -217,10 +182,7 @@ impl Catalogue {
         name: TypeName,
         fields: Vec<Field>,
     ) -> Result<(), LineProblem> {
-        let text = fields
-            .iter()
-            .map(|field| format!("{} {}\n", field.declared, field.name))
-            .collect();
+        let text = fields.iter().map(|field| format!("{} {}\n", field.declared, field.name)).collect();
         self.insert(source, role, name, body_of(fields), text)
     }
 
@@ -232,19 +194,10 @@ impl Catalogue {
         body: Body,
         text: String,
     ) -> Result<(), LineProblem> {
-        let structure = Structure {
-            name: name.clone(),
-            role,
-            body,
-            text,
-            file: source.file.clone(),
-        };
+        let structure = Structure { name: name.clone(), role, body, text, file: source.file.clone() };
         match self.structures.insert(name, structure) {
             None => Ok(()),
-            Some(earlier) => Err(LineProblem {
-                line: 1,
-                problem: Problem::Duplicate(earlier.name.to_string()),
-            }),
+            Some(earlier) => Err(LineProblem { line: 1, problem: Problem::Duplicate(earlier.name.to_string()) }),
         }
     }
 
@@ -268,19 +221,13 @@ impl Catalogue {
             for (line, nested) in nested(structure) {
                 let problem = if !self.structures.contains_key(nested) {
                     Problem::Unknown(nested.clone())
-                } else if nested == &structure.name
-                    || self.references(nested).contains(&structure.name)
-                {
+                } else if nested == &structure.name || self.references(nested).contains(&structure.name) {
                     Problem::Recursive(structure.name.clone())
                 } else {
                     continue;
                 };
                 let file = structure.file.clone();
-                return Err(Error::Definition {
-                    file,
-                    line,
-                    problem,
-                });
+                return Err(Error::Definition { file, line, problem });
             }
         }
         Ok(())
@@ -289,32 +236,18 @@ impl Catalogue {
 
 /// The messages among a structure's fields, with the lines of the fields.
 fn nested(structure: &Structure) -> impl Iterator<Item = (usize, &TypeName)> {
-    structure
-        .body
-        .fields
-        .iter()
-        .filter_map(|field| match &field.ty.element {
-            Element::Nested(name) => Some((field.line, name)),
-            _ => None,
-        })
+    structure.body.fields.iter().filter_map(|field| match &field.ty.element {
+        Element::Nested(name) => Some((field.line, name)),
+        _ => None,
+    })
 }
 
 fn body_of(fields: Vec<Field>) -> Body {
-    Body {
-        fields,
-        ..Body::default()
-    }
+    Body { fields, ..Body::default() }
 }
 
 /// A field that no file states.
 fn field(name: &str, element: Element, arity: Arity) -> Field {
     let ty = FieldType { element, arity };
-    Field {
-        declared: schema::declared(&ty),
-        ty,
-        name: name.to_owned(),
-        default: None,
-        doc: Vec::new(),
-        line: 1,
-    }
+    Field { declared: schema::declared(&ty), ty, name: name.to_owned(), default: None, doc: Vec::new(), line: 1 }
 }

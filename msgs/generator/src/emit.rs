@@ -8,9 +8,7 @@ use crate::{
     catalogue::Catalogue,
     error::{Error, Problem},
     model::{Arity, Element, Field, FieldType, Role, Structure, TypeName},
-    rust::{
-        LARGEST_PLAIN_ARRAY, constant, default_of, docs, ident, needs_own_default, primitive_type,
-    },
+    rust::{LARGEST_PLAIN_ARRAY, constant, default_of, docs, ident, needs_own_default, primitive_type},
 };
 
 /// Emits the Rust source of all definitions; those of the package `own` lie at the root, others in their packages' modules.
@@ -19,10 +17,7 @@ use crate::{
 /// [`Error::Definition`] for a field that has no Rust type: a wide string.
 pub fn emit(catalogue: &Catalogue, own: &str) -> Result<String, Error> {
     let emitter = Emitter { catalogue, own };
-    let structures: Vec<_> = catalogue
-        .structures()
-        .filter(|structure| structure.role != Role::Event)
-        .collect();
+    let structures: Vec<_> = catalogue.structures().filter(|structure| structure.role != Role::Event).collect();
     let mut source = String::new();
     for package in structures.chunk_by(|a, b| a.name.package == b.name.package) {
         let name = &package[0].name.package;
@@ -49,9 +44,7 @@ impl Emitter<'_> {
         for module in structures.chunk_by(|a, b| a.name.namespace == b.name.namespace) {
             let name = &module[0].name;
             let (folder, package) = (name.namespace.as_str(), &name.package);
-            source += &format!(
-                "/// Definitions in the folder `{folder}` of `{package}`.\npub mod {folder} {{\n"
-            );
+            source += &format!("/// Definitions in the folder `{folder}` of `{package}`.\npub mod {folder} {{\n");
             for structure in module {
                 source += &match structure.role {
                     Role::Service => self.service(structure),
@@ -77,22 +70,15 @@ impl Emitter<'_> {
         }
         let own_default = body.fields.iter().any(needs_own_default);
         let default = if own_default { "" } else { "Default, " };
-        let copy = if self.is_copy(structure) {
-            "Copy, "
-        } else {
-            ""
-        };
+        let copy = if self.is_copy(structure) { "Copy, " } else { "" };
         let mut source = format!(
             "{}#[derive(Clone, {copy}Debug, {default}PartialEq, ::serde::Serialize, ::serde::Deserialize)]\n\
              pub struct {name} {{\n{fields}}}\n",
             docs(&summary(structure), &body.doc)
         );
         if own_default {
-            let values: String = body
-                .fields
-                .iter()
-                .map(|field| format!("{}: {},\n", ident(&field.name), default_of(field)))
-                .collect();
+            let values: String =
+                body.fields.iter().map(|field| format!("{}: {},\n", ident(&field.name), default_of(field))).collect();
             source += &format!(
                 "impl ::core::default::Default for {name} {{\nfn default() -> Self {{\nSelf {{\n{values}}}\n}}\n}}\n"
             );
@@ -104,10 +90,7 @@ impl Emitter<'_> {
         if structure.role == Role::Wrapper {
             source += &self.parts(structure);
         }
-        source += &format!(
-            "impl crate::Message for {name} {{\n{}}}\n",
-            self.info(structure)
-        );
+        source += &format!("impl crate::Message for {name} {{\n{}}}\n", self.info(structure));
         Ok(source)
     }
 
@@ -116,10 +99,7 @@ impl Emitter<'_> {
         structure.body.fields.iter().all(|field| {
             let in_place = match &field.ty.element {
                 Element::String { .. } | Element::WString { .. } => false,
-                Element::Nested(name) => self
-                    .catalogue
-                    .get(name)
-                    .is_some_and(|nested| self.is_copy(nested)),
+                Element::Nested(name) => self.catalogue.get(name).is_some_and(|nested| self.is_copy(nested)),
                 _ => true,
             };
             in_place && !matches!(field.ty.arity, Arity::Sequence { .. })
@@ -131,9 +111,7 @@ impl Emitter<'_> {
             (Element::Byte | Element::Char | Element::UInt8, Arity::Sequence { .. }) => {
                 "#[serde(with = \"serde_bytes\")]\n"
             }
-            (_, Arity::Array(size)) if size > LARGEST_PLAIN_ARRAY => {
-                "#[serde(with = \"serde_big_array::BigArray\")]\n"
-            }
+            (_, Arity::Array(size)) if size > LARGEST_PLAIN_ARRAY => "#[serde(with = \"serde_big_array::BigArray\")]\n",
             _ => "",
         };
         let doc = if field.doc.is_empty() {
@@ -141,11 +119,7 @@ impl Emitter<'_> {
         } else {
             docs("", &field.doc)
         };
-        Ok(format!(
-            "{doc}{attribute}pub {}: {},\n",
-            ident(&field.name),
-            self.field_type(&field.ty)?
-        ))
+        Ok(format!("{doc}{attribute}pub {}: {},\n", ident(&field.name), self.field_type(&field.ty)?))
     }
 
     fn field_type(&self, ty: &FieldType) -> Result<String, Problem> {
@@ -167,10 +141,7 @@ impl Emitter<'_> {
         let name = structure.name.rust_name();
         let fields = &structure.body.fields;
         let names: Vec<_> = fields.iter().map(|field| ident(&field.name)).collect();
-        let types: Vec<_> = fields
-            .iter()
-            .filter_map(|field| self.field_type(&field.ty).ok())
-            .collect();
+        let types: Vec<_> = fields.iter().filter_map(|field| self.field_type(&field.ty).ok()).collect();
         let tuple = |items: &[String]| match items {
             [one] => one.clone(),
             many => format!("({})", many.join(", ")),
@@ -188,10 +159,7 @@ impl Emitter<'_> {
     fn service(&self, structure: &Structure) -> String {
         let name = structure.name.rust_name();
         let request = structure.name.with_suffix("_Request");
-        let doc = self
-            .catalogue
-            .get(&request)
-            .map_or(&[][..], |request| &request.body.doc);
+        let doc = self.catalogue.get(&request).map_or(&[][..], |request| &request.body.doc);
         format!(
             "{}#[derive(Clone, Copy, Debug)]\npub enum {name} {{}}\nimpl crate::Service for {name} {{\n\
              type Request = {};\ntype Response = {};\n{}}}\n",
@@ -205,10 +173,7 @@ impl Emitter<'_> {
     fn action(&self, structure: &Structure) -> String {
         let name = structure.name.rust_name();
         let goal = structure.name.with_suffix("_Goal");
-        let doc = self
-            .catalogue
-            .get(&goal)
-            .map_or(&[][..], |goal| &goal.body.doc);
+        let doc = self.catalogue.get(&goal).map_or(&[][..], |goal| &goal.body.doc);
         let parts: String = [
             ("Goal", "_Goal"),
             ("Result", "_Result"),
@@ -222,12 +187,7 @@ impl Emitter<'_> {
             ("FeedbackMessage", "_FeedbackMessage"),
         ]
         .iter()
-        .map(|(part, suffix)| {
-            format!(
-                "type {part} = {};\n",
-                self.path(&structure.name.with_suffix(suffix))
-            )
-        })
+        .map(|(part, suffix)| format!("type {part} = {};\n", self.path(&structure.name.with_suffix(suffix))))
         .collect();
         format!(
             "{}#[derive(Clone, Copy, Debug)]\npub enum {name} {{}}\nimpl crate::Action for {name} {{\n{parts}{}}}\n",

@@ -93,9 +93,7 @@ pub enum Problem {
     #[error("a constant cannot have the type `{0}`: only primitive types are allowed")]
     ConstantType(String),
     /// A default for a field that is a message.
-    #[error(
-        "a field of type `{0}` cannot have a default value: only primitive types and arrays of them can"
-    )]
+    #[error("a field of type `{0}` cannot have a default value: only primitive types and arrays of them can")]
     DefaultType(String),
     /// A service or action with too few or too many sections.
     #[error("found {found} lines `---`, expected {expected}")]
@@ -118,8 +116,6 @@ pub enum Problem {
     #[error("{0} contains itself")]
     Recursive(TypeName),
     /// A wide string, for which there are a hash and a schema, but no Rust type.
-    #[error(
-        "`wstring` has no wire form that all middlewares share: use `string`, which carries UTF-8"
-    )]
+    #[error("`wstring` has no wire form that all middlewares share: use `string`, which carries UTF-8")]
     WideString,
 }

@@ -19,10 +19,7 @@ pub(crate) fn rihs01(catalogue: &Catalogue, structure: &Structure) -> String {
         description(structure),
         referenced.join(", ")
     );
-    let digest: String = Sha256::digest(json)
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect();
+    let digest: String = Sha256::digest(json).iter().map(|byte| format!("{byte:02x}")).collect();
     format!("RIHS01_{digest}")
 }
 
@@ -32,19 +29,9 @@ fn description(structure: &Structure) -> String {
         .body
         .fields
         .iter()
-        .map(|field| {
-            format!(
-                r#"{{"name": "{}", "type": {}}}"#,
-                field.name,
-                field_type(&field.ty)
-            )
-        })
+        .map(|field| format!(r#"{{"name": "{}", "type": {}}}"#, field.name, field_type(&field.ty)))
         .collect();
-    format!(
-        r#"{{"type_name": "{}", "fields": [{}]}}"#,
-        structure.name,
-        fields.join(", ")
-    )
+    format!(r#"{{"type_name": "{}", "fields": [{}]}}"#, structure.name, fields.join(", "))
 }
 
 fn field_type(ty: &FieldType) -> String {

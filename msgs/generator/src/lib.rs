@@ -32,7 +32,5 @@ mod value;
 pub use catalogue::Catalogue;
 pub use emit::emit;
 pub use error::{Error, Named, Problem};
-pub use model::{
-    Arity, Body, Constant, Element, Field, FieldType, Namespace, Role, Structure, TypeName, Value,
-};
+pub use model::{Arity, Body, Constant, Element, Field, FieldType, Namespace, Role, Structure, TypeName, Value};
 pub use source::Source;

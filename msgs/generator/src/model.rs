@@ -43,20 +43,13 @@ impl TypeName {
     /// The type `package/msg/name`.
     #[must_use]
     pub fn message(package: &str, name: &str) -> Self {
-        Self {
-            package: package.to_owned(),
-            namespace: Namespace::Msg,
-            name: name.to_owned(),
-        }
+        Self { package: package.to_owned(), namespace: Namespace::Msg, name: name.to_owned() }
     }
 
     /// The type whose name is this one's with `suffix` behind it.
     #[must_use]
     pub fn with_suffix(&self, suffix: &str) -> Self {
-        Self {
-            name: format!("{}{suffix}", self.name),
-            ..self.clone()
-        }
+        Self { name: format!("{}{suffix}", self.name), ..self.clone() }
     }
 
     /// The form `package/Name` that definitions use.

@@ -28,29 +28,17 @@ pub(crate) struct Section {
 
 /// Cuts a file at its `---` lines into as many sections as its kind of interface has.
 pub(crate) fn sections<const N: usize>(text: &str) -> Result<[Section; N], LineProblem> {
-    let mut sections = vec![Section {
-        first_line: 1,
-        text: String::new(),
-    }];
+    let mut sections = vec![Section { first_line: 1, text: String::new() }];
     for (index, line) in text.lines().enumerate() {
         if line == "---" && N > 1 {
-            sections.push(Section {
-                first_line: index + 2,
-                text: String::new(),
-            });
+            sections.push(Section { first_line: index + 2, text: String::new() });
         } else if let Some(section) = sections.last_mut() {
             section.text.push_str(line);
             section.text.push('\n');
         }
     }
     let found = sections.len() - 1;
-    sections.try_into().map_err(|_| LineProblem {
-        line: 1,
-        problem: Problem::Sections {
-            found,
-            expected: N - 1,
-        },
-    })
+    sections.try_into().map_err(|_| LineProblem { line: 1, problem: Problem::Sections { found, expected: N - 1 } })
 }
 
 /// Parses the fields and constants of a section; `package` is where types without a package are looked for.
@@ -155,14 +143,7 @@ fn parse_line(code: &str, package: &str, line: usize, doc: Vec<String>) -> Resul
         "" => None,
         text => Some(value::parse_default(&ty, declared, text)?),
     };
-    Ok(Item::Field(Field {
-        ty,
-        name: name.to_owned(),
-        default,
-        declared: declared.to_owned(),
-        doc,
-        line,
-    }))
+    Ok(Item::Field(Field { ty, name: name.to_owned(), default, declared: declared.to_owned(), doc, line }))
 }
 
 fn parse_type(declared: &str, package: &str) -> Result<FieldType, Problem> {
@@ -171,19 +152,11 @@ fn parse_type(declared: &str, package: &str) -> Result<FieldType, Problem> {
         Some(None) => return Err(Problem::Type(declared.to_owned())),
         Some(Some((element, ""))) => (element, Arity::Sequence { bound: None }),
         Some(Some((element, size))) => match size.strip_prefix("<=") {
-            Some(bound) => (
-                element,
-                Arity::Sequence {
-                    bound: Some(parse_size(bound)?),
-                },
-            ),
+            Some(bound) => (element, Arity::Sequence { bound: Some(parse_size(bound)?) }),
             None => (element, Arity::Array(parse_size(size)?)),
         },
     };
-    Ok(FieldType {
-        element: parse_element(element, package)?,
-        arity,
-    })
+    Ok(FieldType { element: parse_element(element, package)?, arity })
 }
 
 fn parse_element(text: &str, package: &str) -> Result<Element, Problem> {
@@ -229,10 +202,7 @@ fn parse_size(text: &str) -> Result<u32, Problem> {
 
 /// Checks a name against ROS 2's rules.
 pub(crate) fn check_name(kind: Named, name: &str) -> Result<(), Problem> {
-    let parts = |allowed: fn(char) -> bool| {
-        name.split('_')
-            .all(|part| !part.is_empty() && part.chars().all(allowed))
-    };
+    let parts = |allowed: fn(char) -> bool| name.split('_').all(|part| !part.is_empty() && part.chars().all(allowed));
     let starts = |allowed: fn(char) -> bool| name.starts_with(allowed);
     let lower = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit();
     let upper = |c: char| c.is_ascii_uppercase() || c.is_ascii_digit();
@@ -253,11 +223,7 @@ pub(crate) fn check_name(kind: Named, name: &str) -> Result<(), Problem> {
     if valid {
         return Ok(());
     }
-    Err(Problem::Name {
-        kind,
-        name: name.to_owned(),
-        rule,
-    })
+    Err(Problem::Name { kind, name: name.to_owned(), rule })
 }
 
 /// A comment's text without what marks it as one.

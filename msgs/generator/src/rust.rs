@@ -7,11 +7,10 @@ pub(crate) const LARGEST_PLAIN_ARRAY: u32 = 32;
 
 /// Words that cannot be field names as they are.
 const KEYWORDS: &[&str] = &[
-    "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "crate",
-    "do", "dyn", "else", "enum", "extern", "false", "final", "fn", "for", "gen", "if", "impl",
-    "in", "let", "loop", "macro", "match", "mod", "move", "mut", "override", "priv", "pub", "ref",
-    "return", "self", "static", "struct", "super", "trait", "true", "try", "type", "typeof",
-    "unsafe", "unsized", "use", "virtual", "where", "while", "yield",
+    "abstract", "as", "async", "await", "become", "box", "break", "const", "continue", "crate", "do", "dyn", "else",
+    "enum", "extern", "false", "final", "fn", "for", "gen", "if", "impl", "in", "let", "loop", "macro", "match", "mod",
+    "move", "mut", "override", "priv", "pub", "ref", "return", "self", "static", "struct", "super", "trait", "true",
+    "try", "type", "typeof", "unsafe", "unsized", "use", "virtual", "where", "while", "yield",
 ];
 
 /// Documentation: a first line, if any, and a comment's lines as a paragraph of their own.
@@ -53,30 +52,19 @@ pub(crate) fn primitive_type(element: &Element) -> &'static str {
 }
 
 pub(crate) fn constant(constant: &Constant) -> String {
-    let doc = if constant.doc.is_empty() {
-        docs(&format!("`{}`", constant.declared), &[])
-    } else {
-        docs("", &constant.doc)
-    };
+    let doc =
+        if constant.doc.is_empty() { docs(&format!("`{}`", constant.declared), &[]) } else { docs("", &constant.doc) };
     let value = match &constant.value {
         Value::Text(text) => format!("{text:?}"),
         value => expression(value, Arity::One),
     };
-    format!(
-        "{doc}pub const {}: {} = {value};\n",
-        constant.name,
-        primitive_type(&constant.element)
-    )
+    format!("{doc}pub const {}: {} = {value};\n", constant.name, primitive_type(&constant.element))
 }
 
 /// Whether a field's default is another than that of its Rust type, or its Rust type has none.
 pub(crate) fn needs_own_default(field: &Field) -> bool {
     let large = matches!(field.ty.arity, Arity::Array(size) if size > LARGEST_PLAIN_ARRAY);
-    large
-        || field
-            .default
-            .as_ref()
-            .is_some_and(|value| !is_zero(value, field.ty.arity))
+    large || field.default.as_ref().is_some_and(|value| !is_zero(value, field.ty.arity))
 }
 
 fn is_zero(value: &Value, arity: Arity) -> bool {
@@ -112,10 +100,7 @@ fn expression(value: &Value, arity: Arity) -> String {
         Value::Float64(value) => format!("{value:?}"),
         Value::Text(value) => format!("::std::string::String::from({value:?})"),
         Value::List(values) => {
-            let elements: Vec<_> = values
-                .iter()
-                .map(|value| expression(value, Arity::One))
-                .collect();
+            let elements: Vec<_> = values.iter().map(|value| expression(value, Arity::One)).collect();
             let elements = elements.join(", ");
             match arity {
                 Arity::Sequence { .. } => format!("::std::vec![{elements}]"),

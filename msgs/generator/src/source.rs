@@ -37,19 +37,12 @@ impl Source {
             for file in entries(&folder)? {
                 let extension = namespace.as_str();
                 if file.extension().is_none_or(|found| found != extension) {
-                    return Err(Error::Foreign {
-                        path: file,
-                        extension,
-                    });
+                    return Err(Error::Foreign { path: file, extension });
                 }
                 sources.push(Self {
                     package: package.to_owned(),
                     namespace,
-                    name: file
-                        .file_stem()
-                        .unwrap_or_default()
-                        .to_string_lossy()
-                        .into_owned(),
+                    name: file.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
                     text: fs::read_to_string(&file).map_err(|source| read_error(&file, source))?,
                     file,
                 });
@@ -75,19 +68,12 @@ impl Source {
 /// What lies in a folder, sorted so that results do not depend on the file system.
 fn entries(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut paths = fs::read_dir(folder)
-        .and_then(|entries| {
-            entries
-                .map(|entry| Ok(entry?.path()))
-                .collect::<io::Result<Vec<_>>>()
-        })
+        .and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect::<io::Result<Vec<_>>>())
         .map_err(|source| read_error(folder, source))?;
     paths.sort();
     Ok(paths)
 }
 
 fn read_error(path: &Path, source: io::Error) -> Error {
-    Error::Read {
-        path: path.to_owned(),
-        source,
-    }
+    Error::Read { path: path.to_owned(), source }
 }

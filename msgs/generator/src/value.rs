@@ -7,11 +7,7 @@ use crate::{
 
 /// Parses the default value of a field.
 pub(crate) fn parse_default(ty: &FieldType, declared: &str, text: &str) -> Result<Value, Problem> {
-    let problem = |rule: String| Problem::Value {
-        value: text.to_owned(),
-        ty: declared.to_owned(),
-        rule,
-    };
+    let problem = |rule: String| Problem::Value { value: text.to_owned(), ty: declared.to_owned(), rule };
     if matches!(ty.element, Element::Nested(_)) {
         return Err(Problem::DefaultType(declared.to_owned()));
     }
@@ -23,9 +19,7 @@ pub(crate) fn parse_default(ty: &FieldType, declared: &str, text: &str) -> Resul
     let elements = text
         .strip_prefix('[')
         .and_then(|rest| rest.strip_suffix(']'))
-        .ok_or_else(|| {
-            problem("expected `[`, elements with commas between them, `]`".to_owned())
-        })?;
+        .ok_or_else(|| problem("expected `[`, elements with commas between them, `]`".to_owned()))?;
     let values = split(elements)
         .into_iter()
         .map(|element| parse_element(&ty.element, element))
@@ -33,10 +27,7 @@ pub(crate) fn parse_default(ty: &FieldType, declared: &str, text: &str) -> Resul
         .map_err(problem)?;
     match u32::try_from(values.len()) {
         Ok(found) if (least..=most).contains(&found) => Ok(Value::List(values)),
-        _ => Err(problem(format!(
-            "expected {least} to {most} elements, found {}",
-            values.len()
-        ))),
+        _ => Err(problem(format!("expected {least} to {most} elements, found {}", values.len()))),
     }
 }
 
@@ -50,19 +41,11 @@ pub(crate) fn parse_element(element: &Element, text: &str) -> Result<Value, Stri
         },
         Element::Float32 => match text.parse::<f32>() {
             Ok(value) if value.is_finite() => Ok(Value::Float32(value)),
-            _ => Err(format!(
-                "expected a finite number from {:e} to {:e}",
-                f32::MIN,
-                f32::MAX
-            )),
+            _ => Err(format!("expected a finite number from {:e} to {:e}", f32::MIN, f32::MAX)),
         },
         Element::Float64 => match text.parse::<f64>() {
             Ok(value) if value.is_finite() => Ok(Value::Float64(value)),
-            _ => Err(format!(
-                "expected a finite number from {:e} to {:e}",
-                f64::MIN,
-                f64::MAX
-            )),
+            _ => Err(format!("expected a finite number from {:e} to {:e}", f64::MIN, f64::MAX)),
         },
         Element::Byte | Element::Char | Element::UInt8 => integer(text, 0, u8::MAX.into()),
         Element::Int8 => integer(text, i8::MIN.into(), i8::MAX.into()),
@@ -89,11 +72,7 @@ fn integer(text: &str, least: i128, most: i128) -> Result<Value, String> {
         _ => (10, digits),
     };
     // from_str_radix takes a sign of its own, which must not stand behind ours or behind a prefix.
-    let parsed = if digits.starts_with(['+', '-']) {
-        None
-    } else {
-        i128::from_str_radix(digits, radix).ok()
-    };
+    let parsed = if digits.starts_with(['+', '-']) { None } else { i128::from_str_radix(digits, radix).ok() };
     match parsed.map(|value| sign * value) {
         Some(value) if (least..=most).contains(&value) => Ok(Value::Integer(value)),
         _ => Err(format!("expected a whole number from {least} to {most}")),
@@ -107,10 +86,9 @@ fn string(text: &str, bound: Option<u32>) -> Result<Value, String> {
         _ => text.to_owned(),
     };
     match bound {
-        Some(bound) if value.len() > usize::try_from(bound).unwrap_or(usize::MAX) => Err(format!(
-            "expected at most {bound} bytes, found {}",
-            value.len()
-        )),
+        Some(bound) if value.len() > usize::try_from(bound).unwrap_or(usize::MAX) => {
+            Err(format!("expected at most {bound} bytes, found {}", value.len()))
+        }
         _ => Ok(Value::Text(value)),
     }
 }
@@ -119,8 +97,7 @@ fn unquote(text: &str, quote: char) -> Option<String> {
     let inner = text.strip_prefix(quote)?.strip_suffix(quote)?;
     let escaped = format!("\\{quote}");
     let unescaped = inner.replace(&escaped, "");
-    (!unescaped.contains(quote) && !inner.ends_with('\\'))
-        .then(|| inner.replace(&escaped, &quote.to_string()))
+    (!unescaped.contains(quote) && !inner.ends_with('\\')).then(|| inner.replace(&escaped, &quote.to_string()))
 }
 
 /// Splits at commas outside quotes, and trims.

@@ -38,20 +38,14 @@ fn block(waveform: &Waveform, centre_m_s2: f64) -> Vec<MotionSample> {
         samples.push(MotionSample {
             position: Vector3::new(0.0, 0.0, state.position),
             velocity: Vector3::new(0.0, 0.0, state.velocity),
-            acceleration: Vector3::new(
-                centre_m_s2,
-                0.0,
-                waveform.mean_acceleration(time_s, SAMPLE_S),
-            ),
+            acceleration: Vector3::new(centre_m_s2, 0.0, waveform.mean_acceleration(time_s, SAMPLE_S)),
         });
     }
     samples
 }
 
 fn parts(count: u16) -> Vec<PartState> {
-    (0..count)
-        .map(|i| PartState::at_rest(0.06 + 2.5e-5 * f64::from(i), 0.006 * f64::from(i)))
-        .collect()
+    (0..count).map(|i| PartState::at_rest(0.06 + 2.5e-5 * f64::from(i), 0.006 * f64::from(i))).collect()
 }
 
 fn step_all(track: &AnnularTrack, parts: &mut [PartState], block: &[MotionSample]) {
@@ -82,9 +76,7 @@ fn exact(criterion: &mut Criterion) {
     criterion.bench_function("exact/steady motion from scratch", |bencher| {
         bencher.iter(|| {
             let map = TrayMap::new(&track, black_box(&waveform)).expect("a yaw waveform");
-            map.drive(0.085, Surface::Ramp)
-                .expect("in contact")
-                .steady()
+            map.drive(0.085, Surface::Ramp).expect("in contact").steady()
         });
     });
 }

@@ -27,23 +27,13 @@ fn vibration() -> Vec<MotionBlock> {
         })
         .collect();
     let mean = samples.iter().map(|sample| sample.velocity.z).sum::<f64>() / 200.0;
-    samples
-        .iter_mut()
-        .for_each(|sample| sample.velocity.z -= mean);
+    samples.iter_mut().for_each(|sample| sample.velocity.z -= mean);
     let blocks = samples.chunks(SAMPLES_PER_BLOCK);
-    blocks
-        .map(|samples| MotionBlock {
-            sample_period_s: SAMPLE_PERIOD_S,
-            samples: samples.to_vec(),
-        })
-        .collect()
+    blocks.map(|samples| MotionBlock { sample_period_s: SAMPLE_PERIOD_S, samples: samples.to_vec() }).collect()
 }
 
 fn disc(diameter_m: f64) -> PartType {
-    let pose = |name: &str| RestingPose {
-        name: name.to_owned(),
-        probability: 0.5,
-    };
+    let pose = |name: &str| RestingPose { name: name.to_owned(), probability: 0.5 };
     PartType::try_from(PartSpec {
         name: "disc".to_owned(),
         diameter_m,
@@ -60,12 +50,8 @@ fn disc(diameter_m: f64) -> PartType {
 
 /// A bulk that has run until its parts are where they go by themselves.
 fn circulating(count: usize, diameter_m: f64, blocks: &[MotionBlock]) -> PartBulk {
-    let settings = BulkSettings {
-        load_plateau: true,
-        ..BulkSettings::default()
-    };
-    let mut bulk = PartBulk::new(TrayGeometry::PAPER, disc(diameter_m), settings, 1)
-        .expect("the settings are sound");
+    let settings = BulkSettings { load_plateau: true, ..BulkSettings::default() };
+    let mut bulk = PartBulk::new(TrayGeometry::PAPER, disc(diameter_m), settings, 1).expect("the settings are sound");
     assert_eq!(bulk.load(count).loaded, count);
     for block in blocks.iter().cycle().take(2000) {
         bulk.step(block).expect("the motion is sound");
@@ -78,9 +64,7 @@ fn step(criterion: &mut Criterion) {
     let blocks = vibration();
     for (count, diameter_m) in [(10, 0.006), (100, 0.005), (1000, 0.002)] {
         let bulk = circulating(count, diameter_m, &blocks);
-        group.throughput(Throughput::Elements(
-            (count * SAMPLES_PER_BLOCK * blocks.len()) as u64,
-        ));
+        group.throughput(Throughput::Elements((count * SAMPLES_PER_BLOCK * blocks.len()) as u64));
         group.bench_function(BenchmarkId::new("vibrating", count), |bencher| {
             bencher.iter_batched(
                 || bulk.clone(),

@@ -4,8 +4,8 @@ use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use feeder_core::camera::{
-    CameraModel, CameraPose, CameraSpec, Distortion, LightModel, MountedTray, PartAppearance,
-    PartView, Renderer, Scene, SensorModel, TrayAppearance, codec,
+    CameraModel, CameraPose, CameraSpec, Distortion, LightModel, MountedTray, PartAppearance, PartView, Renderer,
+    Scene, SensorModel, TrayAppearance, codec,
 };
 use feeder_core::selection::{Selector, SelectorConfig, TeachFrame, TeachSpec, teach};
 use feeder_core::tray::TrayGeometry;
@@ -25,12 +25,7 @@ fn scene() -> Scene {
         platen_m_per_px: Some(0.000_45),
         principal_point_px: None,
         distortion: Distortion::default(),
-        pose: CameraPose {
-            x_m: 0.3,
-            y_m: 0.3,
-            height_m: 0.6,
-            yaw_rad: 0.0,
-        },
+        pose: CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 },
     };
     Scene {
         camera: CameraModel::new(camera).expect("the camera is sound"),
@@ -74,48 +69,26 @@ fn vision(criterion: &mut Criterion) {
         });
     }
     criterion.bench_function("encode", |bencher| {
-        bencher.iter(|| {
-            codec::encode(
-                black_box(&image),
-                codec::DEFAULT_QUALITY,
-                codec::DEFAULT_BYTES_MAX,
-            )
-        });
+        bencher.iter(|| codec::encode(black_box(&image), codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX));
     });
-    let bytes = codec::encode(&image, codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX)
-        .expect("the frame is small");
+    let bytes = codec::encode(&image, codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX).expect("the frame is small");
     criterion.bench_function("decode", |bencher| {
         bencher.iter(|| codec::decode(black_box(&bytes)));
     });
 
     let mut shoot = |parts: &[PartView]| {
         let mut image = GrayImage::default();
-        renderer
-            .render(&pose, parts, &mut noise, &mut image)
-            .expect("the parts are sound");
+        renderer.render(&pose, parts, &mut noise, &mut image).expect("the parts are sound");
         image
     };
     let taught = [0, 1].map(|face| shoot(&parts(20, std::f64::consts::PI, Some(face))));
-    let frames = [0, 1].map(|face| TeachFrame {
-        image: &taught[face],
-        platen_from_tray: pose,
-        pose: face,
-    });
-    let spec = TeachSpec {
-        diameter_m: DIAMETER_M,
-        height_m: HEIGHT_M,
-        contrast_min_levels: 10.0,
-    };
+    let frames = [0, 1].map(|face| TeachFrame { image: &taught[face], platen_from_tray: pose, pose: face });
+    let spec = TeachSpec { diameter_m: DIAMETER_M, height_m: HEIGHT_M, contrast_min_levels: 10.0 };
     let model = teach(&frames, &scene.camera, &scene.tray, spec).expect("both faces are shown");
     for count in [5, 20, 50] {
         let image = shoot(&parts(count, std::f64::consts::PI, None));
-        let mut selector = Selector::new(
-            SelectorConfig::default(),
-            &scene.camera,
-            &scene.tray,
-            model.clone(),
-        )
-        .expect("the configuration is sound");
+        let mut selector = Selector::new(SelectorConfig::default(), &scene.camera, &scene.tray, model.clone())
+            .expect("the configuration is sound");
         criterion.bench_function(&format!("select_{count}_plateau_parts"), |bencher| {
             bencher.iter(|| selector.process(black_box(0.1), &image, &pose));
         });

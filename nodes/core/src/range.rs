@@ -22,20 +22,11 @@ impl OutOfRange {
     /// # Errors
     ///
     /// The parameter, its value and `allowed`, if `inside` is false or the value is infinite.
-    pub fn unless(
-        inside: bool,
-        parameter: &'static str,
-        value: f64,
-        allowed: impl fmt::Display,
-    ) -> Result<f64, Self> {
+    pub fn unless(inside: bool, parameter: &'static str, value: f64, allowed: impl fmt::Display) -> Result<f64, Self> {
         if inside && value.is_finite() {
             Ok(value)
         } else {
-            Err(Self {
-                parameter,
-                value,
-                allowed: allowed.to_string(),
-            })
+            Err(Self { parameter, value, allowed: allowed.to_string() })
         }
     }
 

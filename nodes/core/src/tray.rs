@@ -33,12 +33,8 @@ pub enum Surface {
 
 impl TrayGeometry {
     /// The tray of the paper: 30 mm to 90 mm, a ramp of 180° rising 20 mm.
-    pub const PAPER: Self = Self {
-        outer_radius_m: 0.090,
-        inner_radius_m: 0.030,
-        rise_m: 0.020,
-        ramp_angle_rad: std::f64::consts::PI,
-    };
+    pub const PAPER: Self =
+        Self { outer_radius_m: 0.090, inner_radius_m: 0.030, rise_m: 0.020, ramp_angle_rad: std::f64::consts::PI };
 
     /// Rise of the ramp per radian, c = rise/Θ, m/rad.
     #[must_use]
@@ -55,11 +51,7 @@ impl TrayGeometry {
     /// Which surface lies at `angle_rad`, taken modulo 2π.
     #[must_use]
     pub fn surface(&self, angle_rad: f64) -> Surface {
-        if angle_rad.rem_euclid(TAU) < self.ramp_angle_rad {
-            Surface::Ramp
-        } else {
-            Surface::Plateau
-        }
+        if angle_rad.rem_euclid(TAU) < self.ramp_angle_rad { Surface::Ramp } else { Surface::Plateau }
     }
 
     /// Height of the running surface above the foot of the ramp at `angle_rad`, taken modulo 2π, m.

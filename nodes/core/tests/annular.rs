@@ -34,24 +34,12 @@ fn fig15(period_s: f64) -> Waveform {
 
 /// The optimal waveform for the ramp of the paper's tray at a radius, limited as Fig. 15's.
 fn optimal_at(radius_m: f64, period_s: f64) -> Waveform {
-    optimal_on(
-        TrayGeometry::PAPER.ramp_slope_rad(radius_m),
-        radius_m,
-        period_s,
-    )
+    optimal_on(TrayGeometry::PAPER.ramp_slope_rad(radius_m), radius_m, period_s)
 }
 
 fn optimal_on(slope_rad: f64, radius_m: f64, period_s: f64) -> Waveform {
-    let design = OptimalDesign {
-        friction: 0.2,
-        slope_rad,
-        gravity_m_s2: G,
-        limit_m_s2: 66.7 * M * radius_m,
-    };
-    Waveform::optimal(Axis::Yaw, period_s, &design)
-        .unwrap()
-        .scaled(1.0 / radius_m)
-        .unwrap()
+    let design = OptimalDesign { friction: 0.2, slope_rad, gravity_m_s2: G, limit_m_s2: 66.7 * M * radius_m };
+    Waveform::optimal(Axis::Yaw, period_s, &design).unwrap().scaled(1.0 / radius_m).unwrap()
 }
 
 fn pump(a: f64, z: f64) -> Waveform {
@@ -64,13 +52,7 @@ fn stick_slip_at_90_mm(a_min: f64, a_max: f64) -> Waveform {
 }
 
 fn feed_at(track: &AnnularTrack, waveform: &Waveform, radius_m: f64, surface: Surface) -> f64 {
-    TrayMap::new(track, waveform)
-        .unwrap()
-        .drive(radius_m, surface)
-        .unwrap()
-        .steady()
-        .unwrap()
-        .feed_m_s
+    TrayMap::new(track, waveform).unwrap().drive(radius_m, surface).unwrap().steady().unwrap().feed_m_s
 }
 
 fn mm_s(feed: Option<SurfaceFeed>) -> f64 {
@@ -78,13 +60,7 @@ fn mm_s(feed: Option<SurfaceFeed>) -> f64 {
 }
 
 /// Runs samples of a yaw waveform that end with its segments, `samples` or a few more to the period.
-fn run(
-    track: &AnnularTrack,
-    waveform: &Waveform,
-    samples: f64,
-    periods: u32,
-    part: &mut PartState,
-) -> Vec<Encounter> {
+fn run(track: &AnnularTrack, waveform: &Waveform, samples: f64, periods: u32, part: &mut PartState) -> Vec<Encounter> {
     let mut encounters = Vec::new();
     for _ in 0..periods {
         let (mut rate, mut yaw) = (waveform.start_velocity(), waveform.start_position());
@@ -112,13 +88,7 @@ fn run(
 }
 
 /// Runs one period of yaw while the tray's centre accelerates too.
-fn run_translating(
-    track: &AnnularTrack,
-    waveform: &Waveform,
-    samples: f64,
-    centre: [f64; 2],
-    part: &mut PartState,
-) {
+fn run_translating(track: &AnnularTrack, waveform: &Waveform, samples: f64, centre: [f64; 2], part: &mut PartState) {
     let mut start_s = 0.0;
     for segment in waveform.segments() {
         let n = (segment.duration_s / waveform.period_s() * samples).ceil();
@@ -143,66 +113,33 @@ fn val_fig15_speed_against_radius() {
     let (track, waveform) = (paper_track(), fig15(T30));
     let map = TrayMap::new(&track, &waveform).unwrap();
     for row in table(include_str!("data/fig15_speed_vs_radius.csv")) {
-        let feed = map
-            .at((row.number("r_mm") * 1e-3).clamp(0.03, 0.09))
-            .unwrap();
+        let feed = map.at((row.number("r_mm") * 1e-3).clamp(0.03, 0.09)).unwrap();
         let what = format!("r {} mm", row.text("r_mm"));
         assert_close(mm_s(feed.ramp), row.number("ramp_mm_s_slope"), 1e-6, &what);
         assert_close(mm_s(feed.plateau), row.number("plateau_mm_s"), 1e-9, &what);
-        let deg_s =
-            |feed: Option<SurfaceFeed>| feed.map_or(f64::NAN, |feed| feed.rate_rad_s.to_degrees());
+        let deg_s = |feed: Option<SurfaceFeed>| feed.map_or(f64::NAN, |feed| feed.rate_rad_s.to_degrees());
         assert_close(deg_s(feed.ramp), row.number("ramp_deg_s"), 1e-6, &what);
-        assert_close(
-            deg_s(feed.plateau),
-            row.number("plateau_deg_s"),
-            1e-9,
-            &what,
-        );
+        assert_close(deg_s(feed.plateau), row.number("plateau_deg_s"), 1e-9, &what);
     }
 }
 
 #[test]
 fn val_fig15_critical_radius_and_rise_limit() {
     let (track, waveform) = (paper_track(), fig15(T30));
-    let critical_m = TrayMap::new(&track, &waveform)
-        .unwrap()
-        .critical_radius_m()
-        .unwrap()
-        .unwrap();
-    assert_close(
-        critical_m * 1e3,
-        57.605_055_027_030_296,
-        1e-6,
-        "critical radius",
-    );
+    let critical_m = TrayMap::new(&track, &waveform).unwrap().critical_radius_m().unwrap().unwrap();
+    assert_close(critical_m * 1e3, 57.605_055_027_030_296, 1e-6, "critical radius");
     // Below 31.8 mm the ramp is steeper than the friction angle.
-    assert_close(
-        TrayGeometry::PAPER.pitch_m_per_rad() / 0.2,
-        0.0318,
-        5e-5,
-        "slides at rest below",
-    );
+    assert_close(TrayGeometry::PAPER.pitch_m_per_rad() / 0.2, 0.0318, 5e-5, "slides at rest below");
     let climbs_mm = largest_rise_mm(0.09, &waveform);
-    assert_close(
-        climbs_mm,
-        23.65,
-        0.005,
-        "rise beyond which nothing climbs at 90 mm",
-    );
+    assert_close(climbs_mm, 23.65, 0.005, "rise beyond which nothing climbs at 90 mm");
 }
 
 /// The largest rise over half a turn that parts still climb at a radius, mm.
 fn largest_rise_mm(radius_m: f64, waveform: &Waveform) -> f64 {
     let climbs = |rise_m: f64| {
-        let tray = TrayGeometry {
-            rise_m,
-            ..TrayGeometry::PAPER
-        };
+        let tray = TrayGeometry { rise_m, ..TrayGeometry::PAPER };
         let track = AnnularTrack::new(tray, Friction::uniform(0.2).unwrap(), G).unwrap();
-        let drive = TrayMap::new(&track, waveform)
-            .unwrap()
-            .drive(radius_m, Surface::Ramp)
-            .unwrap();
+        let drive = TrayMap::new(&track, waveform).unwrap().drive(radius_m, Surface::Ramp).unwrap();
         drive.steady().is_some_and(|steady| steady.feed_m_s > 1e-12)
     };
     bisect(1e-4, 0.04, climbs) * 1e3
@@ -214,41 +151,15 @@ fn val_coulomb_pump_rises() {
         let waveform = pump(row.number("alpha_max_mug_rad_s2") * M, row.number("z"));
         let what = format!("α {} z {}", row.text("alpha_max_mug_rad_s2"), row.text("z"));
         // The table's search stopped at 1e-6 mm.
-        assert_close(
-            largest_rise_mm(0.09, &waveform),
-            row.number("max_rise_climb_r90_mm"),
-            1e-4,
-            &what,
-        );
-        assert_close(
-            largest_rise_mm(0.06, &waveform),
-            row.number("max_rise_climb_r60_mm"),
-            1e-4,
-            &what,
-        );
-        let tray = TrayGeometry {
-            rise_m: 0.005,
-            ..TrayGeometry::PAPER
-        };
+        assert_close(largest_rise_mm(0.09, &waveform), row.number("max_rise_climb_r90_mm"), 1e-4, &what);
+        assert_close(largest_rise_mm(0.06, &waveform), row.number("max_rise_climb_r60_mm"), 1e-4, &what);
+        let tray = TrayGeometry { rise_m: 0.005, ..TrayGeometry::PAPER };
         let track = AnnularTrack::new(tray, Friction::uniform(0.2).unwrap(), G).unwrap();
         let map = TrayMap::new(&track, &waveform).unwrap();
         let feed = map.at(0.09).unwrap();
-        assert_close(
-            mm_s(feed.ramp),
-            row.number("ramp_mm_s_r90_rise5"),
-            1e-5,
-            &what,
-        );
-        assert_close(
-            mm_s(feed.plateau),
-            row.number("plateau_r90_mm_s"),
-            1e-5,
-            &what,
-        );
-        let critical_mm = map
-            .critical_radius_m()
-            .unwrap()
-            .map_or(f64::NAN, |r| r * 1e3);
+        assert_close(mm_s(feed.ramp), row.number("ramp_mm_s_r90_rise5"), 1e-5, &what);
+        assert_close(mm_s(feed.plateau), row.number("plateau_r90_mm_s"), 1e-5, &what);
+        let critical_mm = map.critical_radius_m().unwrap().map_or(f64::NAN, |r| r * 1e3);
         assert_close(critical_mm, row.number("crit_radius_rise5_mm"), 1e-4, &what);
     }
 }
@@ -259,9 +170,7 @@ fn val_optimal_annular_table() {
     for row in table(include_str!("data/optimal_annular.csv")) {
         let waveform = match row.text("waveform") {
             "paper stick-slip 9.0/66.7" => fig15(T30),
-            "stick-slip best amin=7.10" => {
-                Waveform::stick_slip(Axis::Yaw, T30, 7.1 * M, 66.7 * M).unwrap()
-            }
+            "stick-slip best amin=7.10" => Waveform::stick_slip(Axis::Yaw, T30, 7.1 * M, 66.7 * M).unwrap(),
             "hybrid designed r=90 ramp" => optimal_at(0.090, T30),
             "hybrid designed r=85 ramp" => optimal_at(0.085, T30),
             "hybrid designed r=75 ramp" => optimal_at(0.075, T30),
@@ -276,10 +185,7 @@ fn val_optimal_annular_table() {
         // Four decimals are printed.
         assert_close(mm_s(feed.ramp), row.number("ramp_mm_s"), 6e-5, &what);
         assert_close(mm_s(feed.plateau), row.number("plateau_mm_s"), 6e-5, &what);
-        let critical_mm = map
-            .critical_radius_m()
-            .unwrap()
-            .map_or(f64::NAN, |r| r * 1e3);
+        let critical_mm = map.critical_radius_m().unwrap().map_or(f64::NAN, |r| r * 1e3);
         // The table's search stopped at 1e-6 mm or so.
         assert_close(critical_mm, row.number("crit_radius_mm"), 1e-5, &what);
     }
@@ -290,47 +196,19 @@ fn val_longer_periods_and_radial_drift() {
     let track = paper_track();
     for row in table(include_str!("data/longer_period.csv")) {
         let period_s = row.number("T");
-        let waveform = if row.text("waveform") == "SS" {
-            fig15(period_s)
-        } else {
-            optimal_at(0.085, period_s)
-        };
+        let waveform = if row.text("waveform") == "SS" { fig15(period_s) } else { optimal_at(0.085, period_s) };
         let feed = TrayMap::new(&track, &waveform).unwrap().at(0.085).unwrap();
-        let feed = if row.text("surface") == "ramp" {
-            feed.ramp
-        } else {
-            feed.plateau
-        }
-        .unwrap();
-        let what = format!(
-            "{} T {period_s} {}",
-            row.text("waveform"),
-            row.text("surface")
-        );
+        let feed = if row.text("surface") == "ramp" { feed.ramp } else { feed.plateau }.unwrap();
+        let what = format!("{} T {period_s} {}", row.text("waveform"), row.text("surface"));
         let feed_mm_s = feed.steady.feed_m_s * 1e3;
         assert_close(feed_mm_s, row.number("oneD_mm_s"), 1e-9, &what);
         // The local-slope model against the table's two-dimensional one: coupling grows with the square of the stroke.
         let coupling = if period_s < 0.06 { 6e-4 } else { 6e-3 };
         assert_close(feed_mm_s / row.number("twoD_mm_s"), 1.0, coupling, &what);
         // The table's drift is the mean over a run that starts at rest and moves outward; this is the drift at r = 85 mm.
-        assert_close(
-            feed.radial_drift_m_s * 1e6 / row.number("radial_drift_um_s"),
-            1.0,
-            0.03,
-            &what,
-        );
-        assert_close(
-            waveform.stroke().to_degrees(),
-            row.number("yaw_pp_deg"),
-            1e-9,
-            &what,
-        );
-        assert_close(
-            waveform.peak_speed(),
-            row.number("yaw_peak_rad_s"),
-            1e-9,
-            &what,
-        );
+        assert_close(feed.radial_drift_m_s * 1e6 / row.number("radial_drift_um_s"), 1.0, 0.03, &what);
+        assert_close(waveform.stroke().to_degrees(), row.number("yaw_pp_deg"), 1e-9, &what);
+        assert_close(waveform.peak_speed(), row.number("yaw_peak_rad_s"), 1e-9, &what);
     }
 }
 
@@ -338,30 +216,19 @@ fn val_longer_periods_and_radial_drift() {
 fn val_fig15_array_after_five_seconds() {
     let (track, waveform) = (paper_track(), fig15(T30));
     for row in table(include_str!("data/fig15_polar_array_5s.csv")) {
-        let (r, psi) = (
-            row.number("r0_mm") * 1e-3,
-            row.number("psi0_deg").to_radians(),
-        );
+        let (r, psi) = (row.number("r0_mm") * 1e-3, row.number("psi0_deg").to_radians());
         let what = format!("r {} mm, ψ {}°", row.text("r0_mm"), row.text("psi0_deg"));
         let mut part = PartState::at_rest(r, psi);
         let encounters = run(&track, &waveform, 200.0, 150, &mut part);
         let degrees = part.angle_rad.to_degrees();
         if row.text("status") == "at wall" {
             // It slid back to the face behind the foot of the ramp and stays there.
-            assert!(
-                degrees < 1e-3 && (psi == 0.0 || encounters.contains(&Encounter::Face)),
-                "{what}: {degrees}°"
-            );
+            assert!(degrees < 1e-3 && (psi == 0.0 || encounters.contains(&Encounter::Face)), "{what}: {degrees}°");
             continue;
         }
         // Up to 45° are covered; the local slope is good for 6e-4 of it, and the start from rest for a hop.
         let covered_deg = row.number("psi5_deg") - row.number("psi0_deg");
-        assert_close(
-            degrees,
-            row.number("psi5_deg"),
-            1e-3 * covered_deg.abs() + 1e-3,
-            &what,
-        );
+        assert_close(degrees, row.number("psi5_deg"), 1e-3 * covered_deg.abs() + 1e-3, &what);
         assert_close(part.radius_m * 1e3, row.number("r5_mm"), 2e-3, &what);
     }
 }
@@ -382,16 +249,9 @@ fn val_exact_sliding_on_sampled_motion_is_no_worse_than_fixed_steps() {
             continue;
         }
         let feed = |waveform: &Waveform| feed_at(&track, waveform, 0.09, surface);
-        let error = (feed(&waveform.servo_sampled(T30 / samples).unwrap()) - feed(&waveform))
-            / (M * T30)
-            * 100.0;
+        let error = (feed(&waveform.servo_sampled(T30 / samples).unwrap()) - feed(&waveform)) / (M * T30) * 100.0;
         let allowed = 1.06 * row.number("err_percent_of_mugT").abs() + 1e-3;
-        assert_close(
-            error,
-            0.0,
-            allowed,
-            &format!("{} at {samples} samples", row.text("case")),
-        );
+        assert_close(error, 0.0, allowed, &format!("{} at {samples} samples", row.text("case")));
     }
 }
 
@@ -400,19 +260,9 @@ fn val_perfect_tracking_at_two_kilohertz() {
     // Physics: plateau −3.3…−3.6 %, ramp within 0.3 %, for the waveform of Fig. 15 at 85 mm.
     let (track, waveform) = (paper_track(), fig15(T30));
     let held = waveform.servo_sampled(5e-4).unwrap();
-    let change = |surface| {
-        feed_at(&track, &held, 0.085, surface) / feed_at(&track, &waveform, 0.085, surface) - 1.0
-    };
-    assert!(
-        (-0.036..-0.033).contains(&change(Surface::Plateau)),
-        "{}",
-        change(Surface::Plateau)
-    );
-    assert!(
-        change(Surface::Ramp).abs() < 0.003,
-        "{}",
-        change(Surface::Ramp)
-    );
+    let change = |surface| feed_at(&track, &held, 0.085, surface) / feed_at(&track, &waveform, 0.085, surface) - 1.0;
+    assert!((-0.036..-0.033).contains(&change(Surface::Plateau)), "{}", change(Surface::Plateau));
+    assert!(change(Surface::Ramp).abs() < 0.003, "{}", change(Surface::Ramp));
     // The step function on the samples themselves, against the exact engine on the same accelerations.
     let mut part = PartState::at_rest(0.085, 4.0);
     run(&track, &held, 200.0, 10, &mut part);
@@ -420,23 +270,15 @@ fn val_perfect_tracking_at_two_kilohertz() {
     run(&track, &held, 200.0, 10, &mut part);
     let stepped_m_s = (part.angle_rad - before) * part.radius_m / (10.0 * held.period_s());
     // Local slope: 6e-4.
-    assert_close(
-        stepped_m_s / feed_at(&track, &held, 0.085, Surface::Plateau),
-        1.0,
-        6e-4,
-        "stepped feed",
-    );
+    assert_close(stepped_m_s / feed_at(&track, &held, 0.085, Surface::Plateau), 1.0, 6e-4, "stepped feed");
 }
 
 #[test]
 fn verif_steps_converge_to_the_two_dimensional_reference() {
     let track = paper_track();
-    for (waveform, psi) in [
-        (fig15(T30), 1.0),
-        (fig15(T30), 4.0),
-        (optimal_at(0.085, T30), 1.0),
-        (optimal_at(0.085, 0.1), 1.0),
-    ] {
+    for (waveform, psi) in
+        [(fig15(T30), 1.0), (fig15(T30), 4.0), (optimal_at(0.085, T30), 1.0), (optimal_at(0.085, 0.1), 1.0)]
+    {
         let reference = Rk4 {
             tray: TrayGeometry::PAPER,
             waveform: &waveform,
@@ -453,11 +295,7 @@ fn verif_steps_converge_to_the_two_dimensional_reference() {
         };
         // Along the track the step is nearly exact at any length; what is left is the coupling to the radial motion.
         for samples in [20.0, 67.0, 1000.0] {
-            assert!(
-                errors(samples).0.abs() < 2e-3,
-                "{} at {samples} samples",
-                errors(samples).0
-            );
+            assert!(errors(samples).0.abs() < 2e-3, "{} at {samples} samples", errors(samples).0);
         }
         // Across it the method is of first order; on the paper's ramp the reference is too coarse to show it.
         assert!(errors(16_000.0).1.abs() < 0.025, "{}", errors(16_000.0).1);
@@ -475,31 +313,15 @@ fn verif_turning_slides_under_courier_translation_converge_with_order_one() {
     let centre = [2.5, -1.5];
     for (friction, psi) in [(0.2, 4.0), (0.12, 5.0), (0.2, 1.0)] {
         let start = [0.07, psi, 0.02, 1.0];
-        let reference = Rk4 {
-            tray: TrayGeometry::PAPER,
-            waveform: &waveform,
-            friction,
-            gravity_m_s2: G,
-            centre_m_s2: centre,
-        };
+        let reference =
+            Rk4 { tray: TrayGeometry::PAPER, waveform: &waveform, friction, gravity_m_s2: G, centre_m_s2: centre };
         let expected = reference.run(start, 1, 1e-6);
-        let track = AnnularTrack::new(TrayGeometry::PAPER, Friction::uniform(friction).unwrap(), G)
-            .unwrap();
+        let track = AnnularTrack::new(TrayGeometry::PAPER, Friction::uniform(friction).unwrap(), G).unwrap();
         let error = |samples: f64| {
-            let cos = if psi < PI {
-                TrayGeometry::PAPER.ramp_slope_rad(0.07).cos()
-            } else {
-                1.0
-            };
-            let mut part = PartState {
-                outward_m_s: 0.02,
-                along_m_s: 0.07 / cos,
-                ..PartState::at_rest(0.07, psi)
-            };
+            let cos = if psi < PI { TrayGeometry::PAPER.ramp_slope_rad(0.07).cos() } else { 1.0 };
+            let mut part = PartState { outward_m_s: 0.02, along_m_s: 0.07 / cos, ..PartState::at_rest(0.07, psi) };
             run_translating(&track, &waveform, samples, centre, &mut part);
-            ((part.radius_m - expected[0]).powi(2)
-                + (0.07 * (part.angle_rad - expected[1])).powi(2))
-            .sqrt()
+            ((part.radius_m - expected[0]).powi(2) + (0.07 * (part.angle_rad - expected[1])).powi(2)).sqrt()
         };
         let order = (error(100.0) / error(1600.0)).log(16.0);
         assert!((0.9..1.1).contains(&order), "order {order}");
@@ -515,34 +337,13 @@ fn walls_face_and_drop_off_are_met() {
         let mut moved = part;
         (track.step(&mut moved, &still, 1e-3), moved)
     };
-    let (encounter, part) = meets(PartState {
-        outward_m_s: 0.5,
-        ..PartState::at_rest(0.0899, 4.0)
-    });
-    assert_eq!(
-        (encounter, part.radius_m, part.outward_m_s),
-        (Encounter::OuterWall, 0.09, 0.0)
-    );
-    let (encounter, part) = meets(PartState {
-        outward_m_s: -0.5,
-        ..PartState::at_rest(0.0301, 4.0)
-    });
-    assert_eq!(
-        (encounter, part.radius_m, part.outward_m_s),
-        (Encounter::InnerWall, 0.03, 0.0)
-    );
-    let (encounter, part) = meets(PartState {
-        along_m_s: -0.5,
-        ..PartState::at_rest(0.08, 1e-3)
-    });
-    assert_eq!(
-        (encounter, part.angle_rad, part.along_m_s),
-        (Encounter::Face, 0.0, 0.0)
-    );
-    let (encounter, part) = meets(PartState {
-        along_m_s: 0.5,
-        ..PartState::at_rest(0.08, TAU - 1e-3)
-    });
+    let (encounter, part) = meets(PartState { outward_m_s: 0.5, ..PartState::at_rest(0.0899, 4.0) });
+    assert_eq!((encounter, part.radius_m, part.outward_m_s), (Encounter::OuterWall, 0.09, 0.0));
+    let (encounter, part) = meets(PartState { outward_m_s: -0.5, ..PartState::at_rest(0.0301, 4.0) });
+    assert_eq!((encounter, part.radius_m, part.outward_m_s), (Encounter::InnerWall, 0.03, 0.0));
+    let (encounter, part) = meets(PartState { along_m_s: -0.5, ..PartState::at_rest(0.08, 1e-3) });
+    assert_eq!((encounter, part.angle_rad, part.along_m_s), (Encounter::Face, 0.0, 0.0));
+    let (encounter, part) = meets(PartState { along_m_s: 0.5, ..PartState::at_rest(0.08, TAU - 1e-3) });
     assert_eq!(encounter, Encounter::DropOff);
     assert!(part.angle_rad < 0.01 && part.along_m_s > 0.4, "{part:?}");
 }
@@ -552,61 +353,19 @@ fn a_tray_that_is_none_is_refused_with_parameter_and_range() {
     let friction = Friction::uniform(0.2).unwrap();
     let paper = TrayGeometry::PAPER;
     for (tray, gravity, word) in [
-        (
-            TrayGeometry {
-                inner_radius_m: 0.0,
-                ..paper
-            },
-            G,
-            "inner_radius_m",
-        ),
-        (
-            TrayGeometry {
-                outer_radius_m: 0.02,
-                ..paper
-            },
-            G,
-            "outer_radius_m",
-        ),
-        (
-            TrayGeometry {
-                rise_m: -0.01,
-                ..paper
-            },
-            G,
-            "rise_m",
-        ),
-        (
-            TrayGeometry {
-                ramp_angle_rad: 7.0,
-                ..paper
-            },
-            G,
-            "ramp_angle_rad",
-        ),
+        (TrayGeometry { inner_radius_m: 0.0, ..paper }, G, "inner_radius_m"),
+        (TrayGeometry { outer_radius_m: 0.02, ..paper }, G, "outer_radius_m"),
+        (TrayGeometry { rise_m: -0.01, ..paper }, G, "rise_m"),
+        (TrayGeometry { ramp_angle_rad: 7.0, ..paper }, G, "ramp_angle_rad"),
         (paper, f64::NAN, "gravity_m_s2"),
     ] {
-        let text = AnnularTrack::new(tray, friction, gravity)
-            .unwrap_err()
-            .to_string();
+        let text = AnnularTrack::new(tray, friction, gravity).unwrap_err().to_string();
         assert!(text.contains(word) && text.contains("range"), "{text}");
     }
     let (track, waveform) = (paper_track(), fig15(T30));
-    let error = TrayMap::new(&track, &waveform)
-        .unwrap()
-        .at(0.1)
-        .unwrap_err()
-        .to_string();
-    assert!(
-        error.contains("radius_m = 0.1") && error.contains("0.03 to 0.09"),
-        "{error}"
-    );
-    assert!(
-        TrayMap::new(&track, &waveform.on_axis(Axis::X))
-            .unwrap_err()
-            .to_string()
-            .contains("Yaw")
-    );
+    let error = TrayMap::new(&track, &waveform).unwrap().at(0.1).unwrap_err().to_string();
+    assert!(error.contains("radius_m = 0.1") && error.contains("0.03 to 0.09"), "{error}");
+    assert!(TrayMap::new(&track, &waveform.on_axis(Axis::X)).unwrap_err().to_string().contains("Yaw"));
 }
 
 proptest! {

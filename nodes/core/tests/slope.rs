@@ -24,10 +24,7 @@ fn friction(mu: f64) -> Friction {
 }
 
 fn drive(waveform: &Waveform, mu: f64, slope_deg: f64) -> Drive {
-    Track::new(friction(mu), slope_deg.to_radians(), G)
-        .unwrap()
-        .drive(waveform, 1.0)
-        .unwrap()
+    Track::new(friction(mu), slope_deg.to_radians(), G).unwrap().drive(waveform, 1.0).unwrap()
 }
 
 fn steady(waveform: &Waveform, mu: f64, slope_deg: f64) -> Option<Steady> {
@@ -55,9 +52,7 @@ fn fig11(mu: f64) -> Waveform {
 /// Slope at which the feed falls to zero, degrees.
 fn zero_feed_slope_deg(waveform: &Waveform, mu: f64) -> f64 {
     // A standstill counts as zero feed; 1e-9 mm/s is rounding.
-    bisect(0.0, 20.0, |slope_deg| {
-        feed_mm_s(waveform, mu, slope_deg) > 1e-9
-    })
+    bisect(0.0, 20.0, |slope_deg| feed_mm_s(waveform, mu, slope_deg) > 1e-9)
 }
 
 /// The tables print about 12 significant digits of speeds of the order of 10 mm/s.
@@ -70,39 +65,18 @@ fn val_fig6_stick_slip_and_its_scans() {
         let (key, value) = (row.text("key").to_owned(), row.number("value"));
         let number = || key.parse::<f64>().unwrap();
         let (got, tolerance) = match row.text("case") {
-            "fig6" if key == "sim mm/s" => (
-                feed_mm_s(&stick_slip(0.05, 1.6, 10.1), 0.2, 0.0),
-                TABLE_MM_S,
-            ),
-            "fig6 mu scan" => (
-                feed_mm_s(&stick_slip(0.05, 1.6, 10.1), number(), 0.0),
-                TABLE_MM_S,
-            ),
-            "fig6 amin scan mu=.2" => (
-                feed_mm_s(&stick_slip(0.05, number(), 10.1), 0.2, 0.0),
-                TABLE_MM_S,
-            ),
-            "fig6 amax scan mu=.2" => (
-                feed_mm_s(&stick_slip(0.05, 1.6, number()), 0.2, 0.0),
-                TABLE_MM_S,
-            ),
-            "fig8" if key == "sim equilibrium" => {
-                (feed_mm_s(&pump(0.05, 10.3, 0.37), 0.2, 0.0), TABLE_MM_S)
-            }
-            "fig8" if key.starts_with("validity") => {
-                (best_coulomb_pump_z(10.3, &friction(0.2), G), 1e-12)
-            }
+            "fig6" if key == "sim mm/s" => (feed_mm_s(&stick_slip(0.05, 1.6, 10.1), 0.2, 0.0), TABLE_MM_S),
+            "fig6 mu scan" => (feed_mm_s(&stick_slip(0.05, 1.6, 10.1), number(), 0.0), TABLE_MM_S),
+            "fig6 amin scan mu=.2" => (feed_mm_s(&stick_slip(0.05, number(), 10.1), 0.2, 0.0), TABLE_MM_S),
+            "fig6 amax scan mu=.2" => (feed_mm_s(&stick_slip(0.05, 1.6, number()), 0.2, 0.0), TABLE_MM_S),
+            "fig8" if key == "sim equilibrium" => (feed_mm_s(&pump(0.05, 10.3, 0.37), 0.2, 0.0), TABLE_MM_S),
+            "fig8" if key.starts_with("validity") => (best_coulomb_pump_z(10.3, &friction(0.2), G), 1e-12),
             // The table converged to the equilibrium by waiting: it is off by up to 1e-8.
             "fig8 mu scan" => (feed_mm_s(&pump(0.05, 10.3, 0.37), number(), 0.0), 1e-7),
             _ => continue,
         };
         rows += 1;
-        assert_close(
-            got,
-            value,
-            tolerance,
-            &format!("{} {key}", row.text("case")),
-        );
+        assert_close(got, value, tolerance, &format!("{} {key}", row.text("case")));
     }
     assert_eq!(rows, 26, "rows of the table that were looked at");
 }
@@ -110,10 +84,7 @@ fn val_fig6_stick_slip_and_its_scans() {
 #[test]
 fn verif_fig6_friction_that_would_explain_the_printed_and_the_measured_speed() {
     // Physics: the paper prints 11.8 mm/s, which is μ = 0.2147, and measured 12.4, which is μ = 0.202 (Eq. 7).
-    for (mu, mm_s) in [
-        (0.214_661_564_882_727_33, 11.8),
-        (0.201_978_006_848_007_03, 12.4),
-    ] {
+    for (mu, mm_s) in [(0.214_661_564_882_727_33, 11.8), (0.201_978_006_848_007_03, 12.4)] {
         let by_equation = stick_slip_feed_m_s(0.05, 1.6, 10.1, &friction(mu), G).unwrap() * 1e3;
         assert_close(by_equation, mm_s, 1e-9, "Eq. 7");
     }
@@ -122,13 +93,9 @@ fn verif_fig6_friction_that_would_explain_the_printed_and_the_measured_speed() {
 #[test]
 fn val_fig8_cycle_means_from_rest_in_the_world_and_on_the_tray() {
     let drive = drive(&pump(0.05, 10.3, 0.37), 0.2, 0.0);
-    for (case, start) in [
-        ("fig8 transient world-rest", drive.world_rest_m_s()),
-        ("fig8 transient tray-rest", 0.0),
-    ] {
+    for (case, start) in [("fig8 transient world-rest", drive.world_rest_m_s()), ("fig8 transient tray-rest", 0.0)] {
         let means = drive.cycle_means_m_s(start, 20);
-        let expected =
-            table(include_str!("data/fig6_fig8.csv")).filter(|row| row.text("case") == case);
+        let expected = table(include_str!("data/fig6_fig8.csv")).filter(|row| row.text("case") == case);
         let mut compared = 0;
         for (mean, row) in means.iter().zip(expected) {
             assert_close(mean * 1e3, row.number("value"), TABLE_MM_S, case);
@@ -148,47 +115,19 @@ fn verif_fig8_distance_to_equilibrium_contracts_as_derived() {
         let next = drive.run(w, |_| ());
         let ratio = (next - equilibrium) / (w - equilibrium);
         // The distance shrinks to 1 % of 0.1 m/s, known to 1e-17 or so.
-        assert_close(
-            ratio,
-            ((a - m) / (a + m)).powi(2),
-            1e-11,
-            "contraction per cycle",
-        );
+        assert_close(ratio, ((a - m) / (a + m)).powi(2), 1e-11, "contraction per cycle");
         w = next;
     }
 }
 
 #[test]
 fn val_fig11_feeds_and_zero_crossings() {
-    for (slope_deg, mm_s) in [
-        (0.0, 8.54),
-        (1.0, 7.87),
-        (2.0, 5.60),
-        (3.0, 3.00),
-        (4.0, 0.23),
-        (5.0, -2.69),
-    ] {
+    for (slope_deg, mm_s) in [(0.0, 8.54), (1.0, 7.87), (2.0, 5.60), (3.0, 3.00), (4.0, 0.23), (5.0, -2.69)] {
         // Two decimals are given.
-        assert_close(
-            feed_mm_s(&fig11(0.2), 0.2, slope_deg),
-            mm_s,
-            0.005,
-            "Fig. 11",
-        );
+        assert_close(feed_mm_s(&fig11(0.2), 0.2, slope_deg), mm_s, 0.005, "Fig. 11");
     }
-    for (mu, deg) in [
-        (0.1, 2.10),
-        (0.2, 4.08),
-        (0.3, 5.83),
-        (0.4, 7.27),
-        (0.5, 8.40),
-    ] {
-        assert_close(
-            zero_feed_slope_deg(&fig11(mu), mu),
-            deg,
-            0.005,
-            "zero-feed slope",
-        );
+    for (mu, deg) in [(0.1, 2.10), (0.2, 4.08), (0.3, 5.83), (0.4, 7.27), (0.5, 8.40)] {
+        assert_close(zero_feed_slope_deg(&fig11(mu), mu), deg, 0.005, "zero-feed slope");
     }
 }
 
@@ -200,36 +139,17 @@ fn val_fig11_and_fig12_grid() {
             "stickslip" => fig11(mu),
             _ => pump(T30, 4.0 * mu * G, row.number("z")),
         };
-        let what = format!(
-            "{} z {} μ {mu} {slope_deg}°",
-            row.text("waveform"),
-            row.text("z")
-        );
+        let what = format!("{} z {} μ {mu} {slope_deg}°", row.text("waveform"), row.text("z"));
         let drive = drive(&waveform, mu, slope_deg);
-        assert_close(
-            drive.min_normal_over_weight(),
-            row.number("Nmin_over_g"),
-            1e-12,
-            &what,
-        );
+        assert_close(drive.min_normal_over_weight(), row.number("Nmin_over_g"), 1e-12, &what);
         let steady = drive.steady();
         let speed = |s: Steady| s.feed_m_s * 1e3;
         // The table waited for its steady state: it stopped at a residual of up to 1e-8 of μ g T.
         let tolerance = 1e-6 * mu * G * T30 * 1e3;
-        assert_close(
-            steady.map_or(f64::NAN, speed),
-            row.number("feed_slope_mm_s"),
-            tolerance,
-            &what,
-        );
+        assert_close(steady.map_or(f64::NAN, speed), row.number("feed_slope_mm_s"), tolerance, &what);
         if let Some(steady) = steady {
             assert_close(steady.stick_fraction, row.number("stick_frac"), 1e-6, &what);
-            assert_close(
-                -steady.slip_back_m * 1e3,
-                row.number("slipback_mm_cycle"),
-                1e-6,
-                &what,
-            );
+            assert_close(-steady.slip_back_m * 1e3, row.number("slipback_mm_cycle"), 1e-6, &what);
         }
     }
 }
@@ -240,17 +160,9 @@ fn val_fig12_zero_crossings() {
         let mu = row.number("mu");
         let (waveform, what) = match row.text("waveform") {
             "stickslip" => (fig11(mu), format!("stick-slip μ {mu}")),
-            _ => (
-                pump(T30, 4.0 * mu * G, row.number("z")),
-                format!("pump z {} μ {mu}", row.text("z")),
-            ),
+            _ => (pump(T30, 4.0 * mu * G, row.number("z")), format!("pump z {} μ {mu}", row.text("z"))),
         };
-        assert_close(
-            zero_feed_slope_deg(&waveform, mu),
-            row.number("zero_cross_slope_deg"),
-            1e-5,
-            &what,
-        );
+        assert_close(zero_feed_slope_deg(&waveform, mu), row.number("zero_cross_slope_deg"), 1e-5, &what);
     }
 }
 
@@ -258,18 +170,11 @@ fn val_fig12_zero_crossings() {
 fn verif_coulomb_pump_stalls_near_atan_mu_z_squared() {
     // The rule is first order in μ; the paper's "about 3°" in Fig. 12 is z = 0.37 at μ = 0.5 or z = 0.5 at μ = 0.2.
     for (z, mu, exact_deg) in [(0.37, 0.5, 2.942), (0.5, 0.2, 2.732)] {
-        assert_close(
-            zero_feed_slope_deg(&pump(T30, 4.0 * mu * G, z), mu),
-            exact_deg,
-            5e-4,
-            "about 3°",
-        );
+        assert_close(zero_feed_slope_deg(&pump(T30, 4.0 * mu * G, z), mu), exact_deg, 5e-4, "about 3°");
     }
     for z in [0.2_f64, 0.3, 0.37] {
-        let excess = |mu: f64| {
-            (mu * z * z).atan().to_degrees() / zero_feed_slope_deg(&pump(T30, 4.0 * mu * G, z), mu)
-                - 1.0
-        };
+        let excess =
+            |mu: f64| (mu * z * z).atan().to_degrees() / zero_feed_slope_deg(&pump(T30, 4.0 * mu * G, z), mu) - 1.0;
         assert!(excess(0.2) < 0.06, "z {z}: {}", excess(0.2));
         // Vanishes with μ, and at least in proportion.
         assert!(excess(0.02) < excess(0.2) / 10.0, "z {z}: {}", excess(0.02));
@@ -288,24 +193,9 @@ fn val_optimal_waveform_table() {
         };
         let what = format!("A {} slope {slope_deg}", row.text("A_over_mug"));
         let waveform = Waveform::optimal(Axis::X, T30, &design).unwrap();
-        assert_close(
-            feed_mm_s(&waveform, mu, slope_deg),
-            row.number("v_mm_s_T1_30_mu.2"),
-            TABLE_MM_S,
-            &what,
-        );
-        assert_close(
-            waveform.stroke() * 1e3,
-            row.number("stroke_mm"),
-            1e-9,
-            &what,
-        );
-        assert_close(
-            waveform.peak_speed() * 1e3,
-            row.number("vpeak_mm_s"),
-            1e-9,
-            &what,
-        );
+        assert_close(feed_mm_s(&waveform, mu, slope_deg), row.number("v_mm_s_T1_30_mu.2"), TABLE_MM_S, &what);
+        assert_close(waveform.stroke() * 1e3, row.number("stroke_mm"), 1e-9, &what);
+        assert_close(waveform.peak_speed() * 1e3, row.number("vpeak_mm_s"), 1e-9, &what);
     }
 }
 
@@ -314,12 +204,7 @@ fn val_slew_limited_table() {
     let m = 0.2 * G;
     let ramp_deg = 4.046;
     let optimal = |slope_deg: f64, limit_m_s2: f64| {
-        let design = OptimalDesign {
-            friction: 0.2,
-            slope_rad: slope_deg.to_radians(),
-            gravity_m_s2: G,
-            limit_m_s2,
-        };
+        let design = OptimalDesign { friction: 0.2, slope_rad: slope_deg.to_radians(), gravity_m_s2: G, limit_m_s2 };
         Waveform::optimal(Axis::X, T30, &design).unwrap()
     };
     let mut rows = 0;
@@ -335,19 +220,10 @@ fn val_slew_limited_table() {
         };
         rows += 1;
         let slew_s = row.number("slew_ms") * 1e-3;
-        let waveform = if slew_s > 0.0 {
-            waveform.slew_limited(slew_s, 64).unwrap()
-        } else {
-            waveform
-        };
+        let waveform = if slew_s > 0.0 { waveform.slew_limited(slew_s, 64).unwrap() } else { waveform };
         let feed = feed_mm_s(&waveform, 0.2, slope_deg);
         // Both sides write the ramps as staircases, each with an error of second order in the tread.
-        assert_close(
-            feed / row.number("feed_mm_s"),
-            1.0,
-            5e-4,
-            &format!("{} at {slew_s} s", row.text("waveform")),
-        );
+        assert_close(feed / row.number("feed_mm_s"), 1.0, 5e-4, &format!("{} at {slew_s} s", row.text("waveform")));
     }
     assert_eq!(rows, 30);
 }
@@ -364,32 +240,15 @@ fn val_conditioning_table() {
                 "SS ramp4.05 r90 (.81/6)" => (stick_slip(T30, 0.81 * m, 6.003 * m), 4.046),
                 _ => {
                     let slope_rad = 4.046_f64.to_radians();
-                    let design = OptimalDesign {
-                        friction: 0.2,
-                        slope_rad,
-                        gravity_m_s2: G,
-                        limit_m_s2: 6.003 * m,
-                    };
+                    let design = OptimalDesign { friction: 0.2, slope_rad, gravity_m_s2: G, limit_m_s2: 6.003 * m };
                     (Waveform::optimal(Axis::X, T30, &design).unwrap(), 4.046)
                 }
             };
-            let track = Track::new(
-                friction(0.2 * mu),
-                f64::to_radians(slope_deg * slope),
-                G * gravity,
-            )
-            .unwrap();
-            track
-                .drive(&waveform, 1.0)
-                .unwrap()
-                .steady()
-                .unwrap()
-                .feed_m_s
-                .ln()
+            let track = Track::new(friction(0.2 * mu), f64::to_radians(slope_deg * slope), G * gravity).unwrap();
+            track.drive(&waveform, 1.0).unwrap().steady().unwrap().feed_m_s.ln()
         };
         let h = 1e-3;
-        let slope_of =
-            |log_feed: &dyn Fn(f64) -> f64| (log_feed(1.0 + h) - log_feed(1.0 - h)) / (2.0 * h);
+        let slope_of = |log_feed: &dyn Fn(f64) -> f64| (log_feed(1.0 + h) - log_feed(1.0 - h)) / (2.0 * h);
         let got = match row.text("p") {
             "mu" => slope_of(&|k| log_feed(k, 1.0, 1.0)),
             "g" => slope_of(&|k| log_feed(1.0, k, 1.0)),
@@ -409,10 +268,7 @@ fn verif_longer_sliding_has_its_own_closed_form() {
         let steady = steady(&stick_slip(0.05, a_min, a_max), 0.2, 0.0).unwrap();
         assert_close(steady.feed_m_s / expected, 1.0, 1e-9, "a_min beyond μ g");
         assert_close(steady.stick_fraction, 0.0, 0.0, "it never sticks");
-        assert!(
-            stick_slip_feed_m_s(0.05, a_min, a_max, &friction(0.2), G).is_none(),
-            "Eq. 7 does not hold"
-        );
+        assert!(stick_slip_feed_m_s(0.05, a_min, a_max, &friction(0.2), G).is_none(), "Eq. 7 does not hold");
     }
 }
 
@@ -427,18 +283,10 @@ fn verif_no_steady_motion_beyond_the_friction_angle() {
 #[test]
 fn a_tray_that_drops_away_is_refused_with_the_reason() {
     let waveform = stick_slip(0.05, 20.0, 30.0);
-    let error = Track::new(friction(0.2), 0.5, G)
-        .unwrap()
-        .drive(&waveform, 1.0)
-        .unwrap_err();
+    let error = Track::new(friction(0.2), 0.5, G).unwrap().drive(&waveform, 1.0).unwrap_err();
     assert!(error.to_string().contains("leaves the tray"), "{error}");
     for slope_rad in [FRAC_PI_2, f64::NAN, -2.0] {
-        assert!(
-            Track::new(friction(0.2), slope_rad, G)
-                .unwrap_err()
-                .to_string()
-                .contains("slope_rad")
-        );
+        assert!(Track::new(friction(0.2), slope_rad, G).unwrap_err().to_string().contains("slope_rad"));
     }
 }
 
@@ -447,10 +295,7 @@ fn regress_a_speed_too_small_to_be_multiplied_still_turns_round() {
     // A segment of 5e-324 s leaves w at −5e-324 m/s, from where the next one pushes the part uphill, through rest.
     let waveform = |first_s: f64| {
         let pairs = [(first_s, 4.0), (0.05, -6.5), (0.01, 30.0), (0.0125, 2.0)];
-        let segments = pairs.map(|(duration_s, acceleration)| Segment {
-            duration_s,
-            acceleration,
-        });
+        let segments = pairs.map(|(duration_s, acceleration)| Segment { duration_s, acceleration });
         Waveform::new(Axis::X, segments.to_vec()).unwrap()
     };
     let feed = |first_s: f64| steady(&waveform(first_s), 0.42, 8.0).unwrap().feed_m_s;
@@ -462,37 +307,20 @@ fn any_waveform() -> impl Strategy<Value = Waveform> {
     prop::collection::vec((1e-3..0.02_f64, -10.0..10.0_f64), 2..7).prop_map(|raw| {
         let period_s: f64 = raw.iter().map(|r| r.0).sum();
         let mean: f64 = raw.iter().map(|r| r.0 * r.1).sum::<f64>() / period_s;
-        transform(
-            raw.iter().map(|r| Segment {
-                duration_s: r.0,
-                acceleration: r.1 - mean,
-            }),
-            1.0,
-            1.0,
-        )
+        transform(raw.iter().map(|r| Segment { duration_s: r.0, acceleration: r.1 - mean }), 1.0, 1.0)
     })
 }
 
 /// Segments with time and acceleration multiplied.
-fn transform(
-    segments: impl IntoIterator<Item = Segment>,
-    time: f64,
-    acceleration: f64,
-) -> Waveform {
-    let segments = segments.into_iter().map(|s| Segment {
-        duration_s: s.duration_s * time,
-        acceleration: s.acceleration * acceleration,
-    });
+fn transform(segments: impl IntoIterator<Item = Segment>, time: f64, acceleration: f64) -> Waveform {
+    let segments = segments
+        .into_iter()
+        .map(|s| Segment { duration_s: s.duration_s * time, acceleration: s.acceleration * acceleration });
     Waveform::new(Axis::X, segments.collect()).unwrap()
 }
 
 fn steady_on(waveform: &Waveform, friction: Friction, slope_rad: f64, gravity: f64) -> Steady {
-    Track::new(friction, slope_rad, gravity)
-        .unwrap()
-        .drive(waveform, 1.0)
-        .unwrap()
-        .steady()
-        .unwrap()
+    Track::new(friction, slope_rad, gravity).unwrap().drive(waveform, 1.0).unwrap().steady().unwrap()
 }
 
 prop_compose! {

@@ -93,7 +93,11 @@ impl FeederNode for CourierDriver {
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
         let seed = seed_for(config.seed, Self::NAME);
         let driver = courier::CourierDriver::simulated(config.courier, seed).map_err(NodeError::new)?;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a scenario holds a small positive ratio")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a scenario holds a small positive ratio"
+        )]
         let servo_ticks = (config.time.tick_s() / config.courier.servo_period_s).round() as usize;
         Ok(Self {
             waveform: ports.waveform,
@@ -185,11 +189,9 @@ impl CourierDriver {
                         FollowJointTrajectoryResult::GOAL_TOLERANCE_VIOLATED,
                         format!("the end was missed by ({}, {}) m and {} rad", error.x, error.y, error.z),
                     ),
-                    GoalOutcome::Faulted(fault) => (
-                        GoalEnd::Aborted,
-                        FollowJointTrajectoryResult::PATH_TOLERANCE_VIOLATED,
-                        fault.to_string(),
-                    ),
+                    GoalOutcome::Faulted(fault) => {
+                        (GoalEnd::Aborted, FollowJointTrajectoryResult::PATH_TOLERANCE_VIOLATED, fault.to_string())
+                    }
                 };
                 self.trajectory.finish(io, id, end, FollowJointTrajectoryResult { error_code, error_string });
             }
@@ -200,7 +202,9 @@ impl CourierDriver {
     fn take_commands(&mut self, io: &mut StepIo) {
         for message in io.take(&self.waveform) {
             let refused = match Waveform::try_from(&message) {
-                Ok(waveform) => self.driver.set_waveform(&waveform, message.enabled).err().map(|error| error.to_string()),
+                Ok(waveform) => {
+                    self.driver.set_waveform(&waveform, message.enabled).err().map(|error| error.to_string())
+                }
                 Err(error) => Some(error.to_string()),
             };
             if let Some(reason) = refused {

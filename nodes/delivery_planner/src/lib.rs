@@ -12,8 +12,8 @@ use feeder_core::scenario::Scenario;
 use feeder_core::seed::generator;
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{
-    ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, Client, ClientEvent, Declare, FeederNode, GoalEnd,
-    GoalId, Latency, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber, ns_of_stamp, stamp_of_ns,
+    ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, Client, ClientEvent, Declare, FeederNode,
+    GoalEnd, GoalId, Latency, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber, ns_of_stamp, stamp_of_ns,
 };
 use minifactory_msgs::action::{DeliverPart, DeliverPartFeedback, DeliverPartGoal, DeliverPartResult};
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectory, FollowJointTrajectoryResult};
@@ -94,9 +94,8 @@ impl FeederNode for DeliveryPlanner {
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
         let courier = &config.courier;
-        let sequencer =
-            DeliverySequencer::new(config.delivery(), config.tray.geometry, courier.limits, courier.load)
-                .map_err(NodeError::new)?;
+        let sequencer = DeliverySequencer::new(config.delivery(), config.tray.geometry, courier.limits, courier.load)
+            .map_err(NodeError::new)?;
         Ok(Self {
             candidates: ports.candidates,
             odometry: ports.odometry,

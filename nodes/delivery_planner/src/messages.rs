@@ -66,10 +66,7 @@ pub(crate) fn candidate_frame(message: &Detection3DArray) -> CandidateFrame {
             on_plateau: true,
         })
     });
-    CandidateFrame {
-        stamp: Duration::from_nanos(ns_of_stamp(&message.header.stamp)),
-        candidates: candidates.collect(),
-    }
+    CandidateFrame { stamp: Duration::from_nanos(ns_of_stamp(&message.header.stamp)), candidates: candidates.collect() }
 }
 
 /// Distance from an outline to the nearest other one, m; infinite when it is alone.

@@ -105,28 +105,15 @@ pub(crate) struct WaveformArgs {
 /// A waveform as asked for, with what its closed form needs.
 #[derive(Clone, Debug)]
 pub(crate) enum Asked {
-    StickSlip {
-        period_s: f64,
-        a_min: f64,
-        a_max: f64,
-    },
-    CoulombPump {
-        period_s: f64,
-        a: f64,
-        z: f64,
-    },
-    Optimal {
-        period_s: f64,
-        a: f64,
-    },
+    StickSlip { period_s: f64, a_min: f64, a_max: f64 },
+    CoulombPump { period_s: f64, a: f64, z: f64 },
+    Optimal { period_s: f64, a: f64 },
     Described(Waveform),
 }
 
 impl WaveformArgs {
     pub(crate) fn asked(&self) -> Result<Asked> {
-        let need = |value: Option<f64>, flag: &str| {
-            value.with_context(|| format!("this waveform needs {flag}"))
-        };
+        let need = |value: Option<f64>, flag: &str| value.with_context(|| format!("this waveform needs {flag}"));
         let period = || need(self.period, "--period (s, greater than 0)");
         let a_max = || need(self.a_max, "--a-max (greater than 0)");
         Ok(match &self.waveform {
@@ -135,21 +122,18 @@ impl WaveformArgs {
                 a_min: need(self.a_min, "--a-min (greater than 0, less than --a-max)")?,
                 a_max: a_max()?,
             },
-            Shape::CoulombPump => Asked::CoulombPump {
-                period_s: period()?,
-                a: a_max()?,
-                z: need(self.z, "--z (0 < z < 1)")?,
-            },
-            Shape::Optimal => Asked::Optimal {
-                period_s: period()?,
-                a: a_max()?,
-            },
+            Shape::CoulombPump => {
+                Asked::CoulombPump { period_s: period()?, a: a_max()?, z: need(self.z, "--z (0 < z < 1)")? }
+            }
+            Shape::Optimal => Asked::Optimal { period_s: period()?, a: a_max()? },
             Shape::File(path) => {
                 let text = std::fs::read_to_string(path).with_context(|| {
-                    format!("--waveform {}: neither stick-slip, coulomb-pump, optimal nor a readable file", path.display())
+                    format!(
+                        "--waveform {}: neither stick-slip, coulomb-pump, optimal nor a readable file",
+                        path.display()
+                    )
                 })?;
-                let waveform = serde_saphyr::from_str(&text)
-                    .with_context(|| format!("in {}", path.display()))?;
+                let waveform = serde_saphyr::from_str(&text).with_context(|| format!("in {}", path.display()))?;
                 Asked::Described(waveform)
             }
         })
@@ -160,23 +144,16 @@ impl Asked {
     /// The waveform on `axis`; an optimal one is designed for `track` and made for a lever of `lever` (1, or a radius in m).
     pub(crate) fn build(self, axis: Axis, track: &OptimalTrack, lever: f64) -> Result<Waveform> {
         Ok(match self {
-            Self::StickSlip {
-                period_s,
-                a_min,
-                a_max,
-            } => Waveform::stick_slip(axis, period_s, a_min, a_max)?,
+            Self::StickSlip { period_s, a_min, a_max } => Waveform::stick_slip(axis, period_s, a_min, a_max)?,
             Self::CoulombPump { period_s, a, z } => Waveform::coulomb_pump(axis, period_s, a, z)?,
             Self::Optimal { period_s, a } => {
                 Waveform::optimal(axis, period_s, &track.design(a * lever))?.scaled(1.0 / lever)?
             }
             Self::Described(waveform) => {
                 let fits = (waveform.axis() == Axis::Yaw) == (axis == Axis::Yaw);
-                ensure!(
-                    fits,
-                    "the waveform in the file drives axis {:?}; allowed here: {}",
-                    waveform.axis(),
-                    { if axis == Axis::Yaw { "yaw" } else { "x or y" } }
-                );
+                ensure!(fits, "the waveform in the file drives axis {:?}; allowed here: {}", waveform.axis(), {
+                    if axis == Axis::Yaw { "yaw" } else { "x or y" }
+                });
                 waveform
             }
         })
@@ -193,16 +170,7 @@ pub(crate) struct OptimalTrack {
 
 impl OptimalTrack {
     pub(crate) fn design(&self, limit_m_s2: f64) -> OptimalDesign {
-        let Self {
-            friction,
-            slope_rad,
-            gravity_m_s2,
-        } = *self;
-        OptimalDesign {
-            friction,
-            slope_rad,
-            gravity_m_s2,
-            limit_m_s2,
-        }
+        let Self { friction, slope_rad, gravity_m_s2 } = *self;
+        OptimalDesign { friction, slope_rad, gravity_m_s2, limit_m_s2 }
     }
 }

@@ -58,11 +58,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let slope_rad = args.slope_deg.to_radians();
     let track = Track::new(friction, slope_rad, args.friction.gravity)?;
     let asked = args.waveform.asked()?;
-    let optimal = OptimalTrack {
-        friction: args.friction.mu,
-        slope_rad,
-        gravity_m_s2: args.friction.gravity,
-    };
+    let optimal = OptimalTrack { friction: args.friction.mu, slope_rad, gravity_m_s2: args.friction.gravity };
     let waveform = asked.clone().build(Axis::X, &optimal, 1.0)?;
     let drive = track.drive(&waveform, 1.0)?;
     let steady = drive.steady();
@@ -90,20 +86,13 @@ fn equation_m_s(asked: &Asked, args: &Args, optimal: &OptimalTrack) -> Result<Op
     let (friction, gravity) = (args.friction.friction()?, args.friction.gravity);
     let flat = args.slope_deg == 0.0;
     Ok(match *asked {
-        Asked::StickSlip {
-            period_s,
-            a_min,
-            a_max,
-        } if flat => stick_slip_feed_m_s(period_s, a_min, a_max, &friction, gravity),
-        Asked::CoulombPump { period_s, a, z } if flat => {
-            coulomb_pump_feed_m_s(period_s, a, z, &friction, gravity)
+        Asked::StickSlip { period_s, a_min, a_max } if flat => {
+            stick_slip_feed_m_s(period_s, a_min, a_max, &friction, gravity)
         }
+        Asked::CoulombPump { period_s, a, z } if flat => coulomb_pump_feed_m_s(period_s, a, z, &friction, gravity),
         Asked::Optimal { period_s, a } => {
             // Its −A must break the part loose from rest, which static friction resists.
-            let loose = OptimalTrack {
-                friction: friction.static_coefficient(),
-                ..*optimal
-            };
+            let loose = OptimalTrack { friction: friction.static_coefficient(), ..*optimal };
             let breaks_loose = a > gravity * (loose.friction.atan() + loose.slope_rad).tan();
             let feed = optimal.design(a).best_feed_m_s(period_s)?;
             breaks_loose.then_some(feed)

@@ -24,12 +24,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     friction: FrictionArgs,
     /// Radii to report, m, separated by commas.
-    #[arg(
-        long,
-        value_name = "R[,R…]",
-        value_delimiter = ',',
-        allow_negative_numbers = true
-    )]
+    #[arg(long, value_name = "R[,R…]", value_delimiter = ',', allow_negative_numbers = true)]
     radius: Vec<f64>,
     /// Radius at which an optimal waveform is optimal on the ramp, m [default: the outer radius].
     #[arg(long, allow_negative_numbers = true)]
@@ -60,10 +55,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         slope_rad: tray.ramp_slope_rad(design_radius_m),
         gravity_m_s2: args.friction.gravity,
     };
-    let waveform = args
-        .waveform
-        .asked()?
-        .build(Axis::Yaw, &optimal, design_radius_m)?;
+    let waveform = args.waveform.asked()?.build(Axis::Yaw, &optimal, design_radius_m)?;
     let map = TrayMap::new(&track, &waveform)?;
     let radii = args.radius.iter().map(|&radius_m| {
         let feed = map.at(radius_m)?;
@@ -75,8 +67,5 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             plateau_radial_drift_m_s: feed.plateau.map(|plateau| plateau.radial_drift_m_s),
         })
     });
-    print_json(&Report {
-        radii: radii.collect::<Result<_>>()?,
-        critical_radius_m: map.critical_radius_m()?,
-    })
+    print_json(&Report { radii: radii.collect::<Result<_>>()?, critical_radius_m: map.critical_radius_m()? })
 }

@@ -87,10 +87,13 @@ impl Camera {
         self.next_ns += self.period_ns;
         self.views.clear();
         self.views.extend(bulk.parts().iter().filter_map(|part| view(part, &self.tray)));
-        self.renderer.render(platen_from_tray, &self.views, &mut self.noise, &mut self.image).map_err(NodeError::new)?;
+        self.renderer
+            .render(platen_from_tray, &self.views, &mut self.noise, &mut self.image)
+            .map_err(NodeError::new)?;
 
         let header = || Header { stamp: stamp_of_ns(stamp_ns), frame_id: self.frame.clone() };
-        let data = codec::encode(&self.image, self.quality, MESSAGE_BYTES_MAX - OVERHEAD_BYTES).map_err(NodeError::new)?;
+        let data =
+            codec::encode(&self.image, self.quality, MESSAGE_BYTES_MAX - OVERHEAD_BYTES).map_err(NodeError::new)?;
         let format = "mono8; jpeg compressed mono8".to_owned();
         io.publish(&ports.compressed, &CompressedImage { header: header(), format, data });
         io.publish(&ports.info, &self.info(header()));
@@ -98,7 +101,10 @@ impl Camera {
             let (width, height) = self.image.dimensions();
             let encoding = "mono8".to_owned();
             let data = self.image.as_raw().clone();
-            io.publish(&ports.raw, &Image { header: header(), height, width, encoding, is_bigendian: 0, step: width, data });
+            io.publish(
+                &ports.raw,
+                &Image { header: header(), height, width, encoding, is_bigendian: 0, step: width, data },
+            );
         }
         Ok(())
     }

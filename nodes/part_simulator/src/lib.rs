@@ -73,7 +73,8 @@ impl FeederNode for PartSimulator {
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
         let seed = seed_for(config.seed, Self::NAME);
-        let mut bulk = PartBulk::new(config.tray.geometry, config.part.clone(), config.bulk, seed).map_err(NodeError::new)?;
+        let mut bulk =
+            PartBulk::new(config.tray.geometry, config.part.clone(), config.bulk, seed).map_err(NodeError::new)?;
         let wanted = usize::try_from(config.parts_loaded).map_err(NodeError::new)?;
         let outcome = bulk.load(wanted);
         if outcome.refused > 0 {

@@ -95,7 +95,8 @@ mod tests {
     fn states(stamp_ns: u64, radii_m: &[f64]) -> PartStates {
         let mut message = PartStates::default();
         message.header.stamp = stamp_of_ns(stamp_ns);
-        message.parts = (0..).zip(radii_m).map(|(id, &radius_m)| PartState { id, radius_m, ..Default::default() }).collect();
+        message.parts =
+            (0..).zip(radii_m).map(|(id, &radius_m)| PartState { id, radius_m, ..Default::default() }).collect();
         message
     }
 

@@ -133,11 +133,7 @@ impl RosArgs {
         read: &impl Fn(&Path) -> io::Result<String>,
     ) -> Result<(), ArgsError> {
         while let Some(argument) = arguments.next() {
-            let mut value = |argument, expected| {
-                arguments
-                    .next()
-                    .ok_or(ArgsError::Missing { argument, expected })
-            };
+            let mut value = |argument, expected| arguments.next().ok_or(ArgsError::Missing { argument, expected });
             match argument.as_str() {
                 "--" => return Ok(()),
                 "--ros-args" => {}
@@ -153,27 +149,16 @@ impl RosArgs {
                 }
                 "--params-file" => {
                     let path = value("--params-file", "a YAML file")?;
-                    let text = read(Path::new(&path)).map_err(|source| ArgsError::File {
-                        path: path.clone(),
-                        source,
-                    })?;
-                    let given = params_file::read(&text)
-                        .map_err(|reason| ArgsError::FileForm { path, reason })?;
+                    let text =
+                        read(Path::new(&path)).map_err(|source| ArgsError::File { path: path.clone(), source })?;
+                    let given = params_file::read(&text).map_err(|reason| ArgsError::FileForm { path, reason })?;
                     self.given.extend(given);
                 }
                 "--log-level" => {
                     let text = value("--log-level", LOG_LEVEL)?;
-                    let (logger, level) = text
-                        .split_once(":=")
-                        .map_or((None, text.as_str()), |(l, r)| (Some(l), r));
-                    let level = LogLevel::parse(level).ok_or_else(|| {
-                        bad(
-                            "--log-level",
-                            &text,
-                            format!("{level:?} is no level"),
-                            LOG_LEVEL,
-                        )
-                    })?;
+                    let (logger, level) = text.split_once(":=").map_or((None, text.as_str()), |(l, r)| (Some(l), r));
+                    let level = LogLevel::parse(level)
+                        .ok_or_else(|| bad("--log-level", &text, format!("{level:?} is no level"), LOG_LEVEL))?;
                     match logger {
                         Some(logger) => _ = self.logger_levels.insert(logger.to_owned(), level),
                         None => self.log_level = Some(level),
@@ -192,13 +177,7 @@ impl RosArgs {
     /// # Errors
     /// [`DdsError::Name`] when the command line gives an impossible name.
     pub fn node_name(&self, default: &NodeName) -> Result<NodeName, DdsError> {
-        let last = |from: &str| {
-            self.rules
-                .iter()
-                .rev()
-                .find(|rule| rule.names_node(from, default))
-                .map(Rule::to)
-        };
+        let last = |from: &str| self.rules.iter().rev().find(|rule| rule.names_node(from, default)).map(Rule::to);
         let name = last("__node").unwrap_or(default.name());
         NodeName::new(last("__ns").unwrap_or(default.namespace()), name)
     }
@@ -216,19 +195,12 @@ impl RosArgs {
     #[must_use]
     pub fn parameters(&self, node: &NodeName) -> BTreeMap<String, Value> {
         let given = self.given.iter().filter(|given| given.is_for(node));
-        given
-            .map(|given| (given.name.clone(), given.value.clone()))
-            .collect()
+        given.map(|given| (given.name.clone(), given.value.clone())).collect()
     }
 }
 
 fn bad(argument: &'static str, value: &str, reason: String, expected: &'static str) -> ArgsError {
-    ArgsError::Value {
-        argument,
-        value: value.to_owned(),
-        reason,
-        expected,
-    }
+    ArgsError::Value { argument, value: value.to_owned(), reason, expected }
 }
 
 impl LogLevel {
@@ -262,14 +234,11 @@ feeder:
 ";
 
     fn parse(line: &str) -> Result<RosArgs, ArgsError> {
-        RosArgs::parse_with(
-            line.split_whitespace().map(str::to_owned),
-            |path| match path.to_str() {
-                Some("good.yaml") => Ok(FILE.to_owned()),
-                Some("bad.yaml") => Ok("courier_driver: {ros__parameters: [1]}".to_owned()),
-                _ => Err(io::ErrorKind::NotFound.into()),
-            },
-        )
+        RosArgs::parse_with(line.split_whitespace().map(str::to_owned), |path| match path.to_str() {
+            Some("good.yaml") => Ok(FILE.to_owned()),
+            Some("bad.yaml") => Ok("courier_driver: {ros__parameters: [1]}".to_owned()),
+            _ => Err(io::ErrorKind::NotFound.into()),
+        })
     }
 
     fn courier() -> NodeName {
@@ -278,8 +247,10 @@ feeder:
 
     #[test]
     fn ros_arguments_are_taken_out_and_the_rest_is_left() {
-        let args = parse("run --fast --ros-args --log-level WARN --log-level a.b:=debug --disable-rosout-logs -- -x --ros-args")
-            .expect("good");
+        let args = parse(
+            "run --fast --ros-args --log-level WARN --log-level a.b:=debug --disable-rosout-logs -- -x --ros-args",
+        )
+        .expect("good");
         assert_eq!(args.rest, ["run", "--fast", "-x"]);
         assert_eq!(
             (args.log_level, args.logger_levels["a.b"], args.no_rosout),
@@ -289,21 +260,10 @@ feeder:
 
     #[test]
     fn nodes_are_renamed() {
-        let name = |line: &str| {
-            parse(line)
-                .expect("good")
-                .node_name(&courier())
-                .map(|name| name.to_string())
-        };
+        let name = |line: &str| parse(line).expect("good").node_name(&courier()).map(|name| name.to_string());
         assert_eq!(name("").expect("good"), "/feeder/courier_driver");
-        assert_eq!(
-            name("--ros-args -r __node:=c -r __ns:=/two").expect("good"),
-            "/two/c"
-        );
-        assert_eq!(
-            name("--ros-args -r other:__node:=c -r courier_driver:__name:=d").expect("good"),
-            "/feeder/d"
-        );
+        assert_eq!(name("--ros-args -r __node:=c -r __ns:=/two").expect("good"), "/two/c");
+        assert_eq!(name("--ros-args -r other:__node:=c -r courier_driver:__name:=d").expect("good"), "/feeder/d");
         assert!(name("--ros-args -r __ns:=two").is_err());
     }
 
@@ -317,10 +277,7 @@ feeder:
         assert_eq!(resolve("waveform", NameKind::Topic), "/w");
         assert_eq!(resolve("/feeder/waveform", NameKind::Service), "/w");
         assert_eq!(resolve("~/state", NameKind::Topic), "/feeder/s");
-        assert_eq!(
-            resolve("~/other", NameKind::Topic),
-            "/feeder/courier_driver/other"
-        );
+        assert_eq!(resolve("~/other", NameKind::Topic), "/feeder/courier_driver/other");
         assert_eq!(resolve("clock", NameKind::Topic), "/feeder/clock");
         assert_eq!(resolve("load", NameKind::Topic), "/feeder/load");
         assert_eq!(resolve("load", NameKind::Service), "/feeder/load_parts");
@@ -329,10 +286,8 @@ feeder:
 
     #[test]
     fn parameters_come_from_files_and_the_command_line_and_the_last_holds() {
-        let args = parse(
-            "--ros-args --params-file good.yaml -p seed:=3 -p courier_driver:on:=yes -p other:x:=1",
-        )
-        .expect("good");
+        let args = parse("--ros-args --params-file good.yaml -p seed:=3 -p courier_driver:on:=yes -p other:x:=1")
+            .expect("good");
         let given = args.parameters(&courier());
         let expected = [
             ("limits.axes", Value::Texts(vec!["ax".into(), "by".into()])),
@@ -341,12 +296,7 @@ feeder:
             ("rate_hz", Value::Double(5.0)),
             ("seed", Value::Integer(3)),
         ];
-        assert_eq!(
-            given,
-            expected
-                .map(|(name, value)| (name.to_owned(), value))
-                .into()
-        );
+        assert_eq!(given, expected.map(|(name, value)| (name.to_owned(), value)).into());
         let other = NodeName::new("/other", "x").expect("good");
         let args = parse("--ros-args -p seed:=3 --params-file good.yaml").expect("good");
         assert_eq!(args.parameters(&other)["seed"], Value::Integer(9));

@@ -54,10 +54,7 @@ pub fn encode<T: Serialize>(value: &T) -> Result<Bytes, CdrError> {
     // The body is kept by the writer until every reader has it, so it needs an allocation of its own.
     cdr_encoding::to_vec_with_size_hint::<T, LittleEndian>(value, 256)
         .map(Bytes::from)
-        .map_err(|error| CdrError::Encode {
-            type_name: std::any::type_name::<T>(),
-            reason: error.to_string(),
-        })
+        .map_err(|error| CdrError::Encode { type_name: std::any::type_name::<T>(), reason: error.to_string() })
 }
 
 /// Reads a value from a CDR body.
@@ -73,17 +70,9 @@ pub fn decode<T: DeserializeOwned>(body: &[u8], little_endian: bool) -> Result<T
     } else {
         cdr_encoding::from_bytes::<T, BigEndian>(body)
     }
-    .map_err(|error| CdrError::Decode {
-        type_name,
-        length,
-        reason: error.to_string(),
-    })?;
+    .map_err(|error| CdrError::Decode { type_name, length, reason: error.to_string() })?;
     if length - consumed > PADDING_MAX {
-        return Err(CdrError::Trailing {
-            type_name,
-            consumed,
-            length,
-        });
+        return Err(CdrError::Trailing { type_name, consumed, length });
     }
     Ok(value)
 }
@@ -105,25 +94,9 @@ mod tests {
     }
 
     fn mixed() -> impl Strategy<Value = Mixed> {
-        let scalars = (
-            any::<u8>(),
-            any::<(i32, u32)>(),
-            "[a-z/_é]{0,12}",
-            any::<[u8; 16]>(),
-        );
-        (
-            scalars,
-            prop::collection::vec(-1e9..1e9f64, 0..20),
-            prop::collection::vec(any::<bool>(), 0..20),
-        )
-            .prop_map(|((id, stamp, name, gid), values, flags)| Mixed {
-                id,
-                stamp,
-                name,
-                values,
-                flags,
-                gid,
-            })
+        let scalars = (any::<u8>(), any::<(i32, u32)>(), "[a-z/_é]{0,12}", any::<[u8; 16]>());
+        (scalars, prop::collection::vec(-1e9..1e9f64, 0..20), prop::collection::vec(any::<bool>(), 0..20))
+            .prop_map(|((id, stamp, name, gid), values, flags)| Mixed { id, stamp, name, values, flags, gid })
     }
 
     #[test]
@@ -134,14 +107,8 @@ mod tests {
 
     #[test]
     fn a_longer_body_is_refused_and_padding_is_not() {
-        assert_eq!(
-            decode::<u32>(&[7, 0, 0, 0, 0, 0, 0], true).expect("padding"),
-            7
-        );
-        assert!(matches!(
-            decode::<u32>(&[7, 0, 0, 0, 1, 0, 0, 0], true),
-            Err(CdrError::Trailing { .. })
-        ));
+        assert_eq!(decode::<u32>(&[7, 0, 0, 0, 0, 0, 0], true).expect("padding"), 7);
+        assert!(matches!(decode::<u32>(&[7, 0, 0, 0, 1, 0, 0, 0], true), Err(CdrError::Trailing { .. })));
     }
 
     #[test]

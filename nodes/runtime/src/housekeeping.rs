@@ -47,9 +47,8 @@ impl Housekeeping {
 
 /// A configuration as read-only parameters, with dotted names, and `use_sim_time`.
 pub(crate) fn parameters_of<C: Serialize>(config: &C, use_sim_time: bool) -> Result<Store, NodeError> {
-    let mut declarations = vec![
-        Declaration::new("use_sim_time", Value::Bool(use_sim_time), "Whether time is that of /clock").read_only(),
-    ];
+    let mut declarations =
+        vec![Declaration::new("use_sim_time", Value::Bool(use_sim_time), "Whether time is that of /clock").read_only()];
     flatten("", &serde_json::to_value(config).map_err(NodeError::new)?, &mut declarations);
     Store::new(declarations, &BTreeMap::new()).map_err(NodeError::new)
 }

@@ -91,7 +91,9 @@ pub fn run_opened<N: FeederNode>(
     };
     let public = PublicSide::open(&participant, &interface, &sender)?;
     let digest = Digest::new(seat.digest_dir.as_deref(), &full_name, &seat.contract.shared_topics);
-    Runner::new(node, full_name, interface, &seat.contract, links, Some(public), digest)?.timed(now_ns).run(&inbox, &seat.stop)
+    Runner::new(node, full_name, interface, &seat.contract, links, Some(public), digest)?
+        .timed(now_ns)
+        .run(&inbox, &seat.stop)
 }
 
 /// Runs node `N` against the wall clock until `stop` is set. Stamps are wall time since 1970, as is usual in ROS.

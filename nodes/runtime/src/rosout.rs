@@ -28,12 +28,8 @@ use crate::{
 };
 
 /// What ROS 2 offers for `/rosout`.
-const QOS: Qos = Qos {
-    reliability: Reliability::Reliable,
-    durability: Durability::TransientLocal,
-    depth: 1_000,
-    backlog: 1_000,
-};
+const QOS: Qos =
+    Qos { reliability: Reliability::Reliable, durability: Durability::TransientLocal, depth: 1_000, backlog: 1_000 };
 /// Messages that may wait to be published; more are dropped and counted.
 const QUEUE: usize = 1_000;
 /// What the DDS library says of its own doings would never end, were it sent by the same library.
@@ -91,22 +87,9 @@ impl RosoutLayer {
         });
         let mut nodes = lock(&self.nodes);
         nodes.first.get_or_insert_with(|| node.clone());
-        nodes.queues.insert(
-            node.clone(),
-            Queue {
-                sender,
-                dropped: dropped.clone(),
-                clock,
-            },
-        );
+        nodes.queues.insert(node.clone(), Queue { sender, dropped: dropped.clone(), clock });
         drop(nodes);
-        Ok(Rosout {
-            nodes: self.nodes.clone(),
-            node,
-            dropped,
-            _publishing: publishing,
-            _writer: writer,
-        })
+        Ok(Rosout { nodes: self.nodes.clone(), node, dropped, _publishing: publishing, _writer: writer })
     }
 }
 
@@ -169,16 +152,9 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for RosoutLayer {
             .event_scope(event)
             .into_iter()
             .flatten()
-            .find_map(|span| {
-                span.extensions()
-                    .get::<SpanNode>()
-                    .map(|SpanNode(node)| node.clone())
-            });
+            .find_map(|span| span.extensions().get::<SpanNode>().map(|SpanNode(node)| node.clone()));
         let nodes = lock(&self.nodes);
-        let Some(node) = named
-            .filter(|node| nodes.queues.contains_key(node))
-            .or_else(|| nodes.first.clone())
-        else {
+        let Some(node) = named.filter(|node| nodes.queues.contains_key(node)).or_else(|| nodes.first.clone()) else {
             return;
         };
         let Some(queue) = nodes.queues.get(&node).cloned() else {
@@ -235,11 +211,7 @@ struct Text {
 
 impl Text {
     fn message(&self) -> String {
-        if self.fields.is_empty() {
-            self.message.clone()
-        } else {
-            format!("{} ({})", self.message, self.fields)
-        }
+        if self.fields.is_empty() { self.message.clone() } else { format!("{} ({})", self.message, self.fields) }
     }
 }
 

@@ -42,21 +42,10 @@ impl Participant {
         mut deliver: impl FnMut(S::Request, Responder<S>) + Send + 'static,
     ) -> Result<Server, DdsError> {
         let (request_type, response_type) = dds_types::<S>();
-        self.server(
-            name,
-            &request_type,
-            &response_type,
-            move |request| match request.decode() {
-                Ok(message) => deliver(
-                    message,
-                    Responder {
-                        reply: request.reply,
-                        service: PhantomData,
-                    },
-                ),
-                Err(error) => request.reply.refuse(&error),
-            },
-        )
+        self.server(name, &request_type, &response_type, move |request| match request.decode() {
+            Ok(message) => deliver(message, Responder { reply: request.reply, service: PhantomData }),
+            Err(error) => request.reply.refuse(&error),
+        })
     }
 
     /// Makes a client of a service.
@@ -66,18 +55,12 @@ impl Participant {
     pub fn service_client<S: Service>(&self, name: &str) -> Result<ServiceClient<S>, DdsError> {
         let (request_type, response_type) = dds_types::<S>();
         let client = self.client(name, &request_type, &response_type)?;
-        Ok(ServiceClient {
-            client,
-            service: PhantomData,
-        })
+        Ok(ServiceClient { client, service: PhantomData })
     }
 }
 
 fn dds_types<S: Service>() -> (String, String) {
-    (
-        <S::Request as Message>::INFO.dds_type(),
-        <S::Response as Message>::INFO.dds_type(),
-    )
+    (<S::Request as Message>::INFO.dds_type(), <S::Response as Message>::INFO.dds_type())
 }
 
 /// The right to answer one request. Dropped unused, the client gets no answer.
@@ -110,10 +93,7 @@ impl<S: Service> ServiceClient<S> {
     /// Sends a request as soon as a server is there.
     pub fn call(&self, request: &S::Request, timeout: Duration) -> Answer<S::Response> {
         let call = cdr::encode(request).map(|payload| self.client.call(payload, timeout));
-        Answer {
-            call: call.map_err(Some),
-            response: PhantomData,
-        }
+        Answer { call: call.map_err(Some), response: PhantomData }
     }
 }
 

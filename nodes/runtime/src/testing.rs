@@ -32,13 +32,7 @@ impl TestDomain {
             .map(|offset| FIRST + (start + offset) % (LAST - FIRST + 1))
             .find_map(|id| {
                 let lock = TcpListener::bind((Ipv4Addr::LOCALHOST, LOCK_PORT + id)).ok()?;
-                Some(Self {
-                    domain: Domain {
-                        id,
-                        range: DiscoveryRange::Localhost,
-                    },
-                    _lock: lock,
-                })
+                Some(Self { domain: Domain { id, range: DiscoveryRange::Localhost }, _lock: lock })
             })
             .expect("a free DDS domain between 20 and 101")
     }

@@ -147,11 +147,7 @@ struct Picture {
 impl VisionSelector {
     fn look(&mut self, message: &CompressedImage) -> Result<Picture, LookError> {
         let stamp_ns = ns_of_stamp(&message.header.stamp);
-        let (_, platen_from_tray) = *self
-            .poses
-            .iter()
-            .find(|(ns, _)| *ns == stamp_ns)
-            .ok_or(LookError::NoOdometry)?;
+        let (_, platen_from_tray) = *self.poses.iter().find(|(ns, _)| *ns == stamp_ns).ok_or(LookError::NoOdometry)?;
         let image = codec::decode(&message.data).map_err(|error| LookError::Decode(error.to_string()))?;
         let stamp_s = std::time::Duration::from_nanos(stamp_ns).as_secs_f64();
         let tracked = self.selector.process(stamp_s, &image, &platen_from_tray)?;
@@ -159,8 +155,7 @@ impl VisionSelector {
     }
 
     fn annotate(&self, header: &Header, picture: &Picture) -> Image {
-        let drawn =
-            draw_overlay(&picture.image, &picture.tracked, &self.camera, &self.tray, &picture.platen_from_tray);
+        let drawn = draw_overlay(&picture.image, &picture.tracked, &self.camera, &self.tray, &picture.platen_from_tray);
         let (width, height) = drawn.dimensions();
         Image {
             header: header.clone(),

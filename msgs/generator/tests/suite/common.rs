@@ -22,10 +22,7 @@ pub(crate) fn source(namespace: Namespace, name: &str, text: &str) -> Source {
 
 /// Adds a message `Point`, and what services and actions need, with fields of no matter.
 pub(crate) fn with_needed<const N: usize>(sources: [Source; N]) -> Vec<Source> {
-    let of = |package: &str, name| Source {
-        package: package.to_owned(),
-        ..source(Namespace::Msg, name, "int32 a\n")
-    };
+    let of = |package: &str, name| Source { package: package.to_owned(), ..source(Namespace::Msg, name, "int32 a\n") };
     let needed = [
         of("demo_msgs", "Point"),
         of("service_msgs", "ServiceEventInfo"),

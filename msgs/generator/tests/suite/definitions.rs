@@ -3,9 +3,7 @@
 use std::{fs, path::Path};
 
 use crate::common::{parse, source};
-use minifactory_msggen::{
-    Arity, Catalogue, Element, FieldType, Namespace, Source, TypeName, Value, emit,
-};
+use minifactory_msggen::{Arity, Catalogue, Element, FieldType, Namespace, Source, TypeName, Value, emit};
 
 fn error(text: &str) -> String {
     parse(text).expect_err(text).to_string()
@@ -19,11 +17,7 @@ fn all_kinds_of_types_are_understood() {
         ("byte[]", Element::Byte, Arity::Sequence { bound: None }),
         ("char", Element::Char, Arity::One),
         ("float32[3]", Element::Float32, Arity::Array(3)),
-        (
-            "float64[<=3]",
-            Element::Float64,
-            Arity::Sequence { bound: Some(3) },
-        ),
+        ("float64[<=3]", Element::Float64, Arity::Sequence { bound: Some(3) }),
         ("int8", Element::Int8, Arity::One),
         ("uint8", Element::UInt8, Arity::One),
         ("int16", Element::Int16, Arity::One),
@@ -34,41 +28,17 @@ fn all_kinds_of_types_are_understood() {
         ("uint64", Element::UInt64, Arity::One),
         ("string", unbounded.clone(), Arity::One),
         ("string<=5", Element::String { bound: Some(5) }, Arity::One),
-        (
-            "string<=5[2]",
-            Element::String { bound: Some(5) },
-            Arity::Array(2),
-        ),
-        (
-            "string<=5[<=2]",
-            Element::String { bound: Some(5) },
-            Arity::Sequence { bound: Some(2) },
-        ),
+        ("string<=5[2]", Element::String { bound: Some(5) }, Arity::Array(2)),
+        ("string<=5[<=2]", Element::String { bound: Some(5) }, Arity::Sequence { bound: Some(2) }),
         ("string[]", unbounded, Arity::Sequence { bound: None }),
         ("wstring", Element::WString { bound: None }, Arity::One),
-        (
-            "wstring<=7",
-            Element::WString { bound: Some(7) },
-            Arity::One,
-        ),
-        (
-            "Point",
-            Element::Nested(TypeName::message("demo_msgs", "Point")),
-            Arity::One,
-        ),
-        (
-            "demo_msgs/Point[4]",
-            Element::Nested(TypeName::message("demo_msgs", "Point")),
-            Arity::Array(4),
-        ),
+        ("wstring<=7", Element::WString { bound: Some(7) }, Arity::One),
+        ("Point", Element::Nested(TypeName::message("demo_msgs", "Point")), Arity::One),
+        ("demo_msgs/Point[4]", Element::Nested(TypeName::message("demo_msgs", "Point")), Arity::Array(4)),
     ];
     for (declared, element, arity) in cases {
         let spot = parse(&format!("{declared}   value")).expect(declared);
-        assert_eq!(
-            spot.body.fields[0].ty,
-            FieldType { element, arity },
-            "{declared}"
-        );
+        assert_eq!(spot.body.fields[0].ty, FieldType { element, arity }, "{declared}");
         assert_eq!(spot.body.fields[0].declared, declared);
     }
 }
@@ -80,11 +50,7 @@ fn defaults_are_understood() {
         ("bool", "TRUE", Value::Bool(true)),
         ("bool", "0", Value::Bool(false)),
         ("int8", "-128", Value::Integer(-128)),
-        (
-            "uint64",
-            "18446744073709551615",
-            Value::Integer(u64::MAX.into()),
-        ),
+        ("uint64", "18446744073709551615", Value::Integer(u64::MAX.into())),
         ("uint8", "0xfF", Value::Integer(255)),
         ("int16", "-0b101", Value::Integer(-5)),
         ("char", "0o17", Value::Integer(15)),
@@ -94,26 +60,10 @@ fn defaults_are_understood() {
         ("string", "\" quoted \"", text(" quoted ")),
         ("string", r#""say \"so\"""#, text("say \"so\"")),
         ("string", r#"'it\'s "so"'"#, text("it's \"so\"")),
-        (
-            "int32[]",
-            "[1, -2,3]",
-            Value::List(vec![
-                Value::Integer(1),
-                Value::Integer(-2),
-                Value::Integer(3),
-            ]),
-        ),
+        ("int32[]", "[1, -2,3]", Value::List(vec![Value::Integer(1), Value::Integer(-2), Value::Integer(3)])),
         ("int32[]", "[]", Value::List(Vec::new())),
-        (
-            "bool[2]",
-            "[true, false]",
-            Value::List(vec![Value::Bool(true), Value::Bool(false)]),
-        ),
-        (
-            "string[<=3]",
-            r#"["a, b", 'c', d]"#,
-            Value::List(vec![text("a, b"), text("c"), text("d")]),
-        ),
+        ("bool[2]", "[true, false]", Value::List(vec![Value::Bool(true), Value::Bool(false)])),
+        ("string[<=3]", r#"["a, b", 'c', d]"#, Value::List(vec![text("a, b"), text("c"), text("d")])),
     ];
     for (ty, written, value) in cases {
         let spot = parse(&format!("{ty} value {written}")).expect(written);
@@ -123,13 +73,9 @@ fn defaults_are_understood() {
 
 #[test]
 fn constants_are_understood() {
-    let spot = parse("uint8 A=1\nint32 B_2 = -7 # less\nstring NAME='x' \nfloat32 HALF=.5\n")
-        .expect("constants");
+    let spot = parse("uint8 A=1\nint32 B_2 = -7 # less\nstring NAME='x' \nfloat32 HALF=.5\n").expect("constants");
     let constants = &spot.body.constants;
-    let found: Vec<_> = constants
-        .iter()
-        .map(|constant| (constant.name.as_str(), constant.value.clone()))
-        .collect();
+    let found: Vec<_> = constants.iter().map(|constant| (constant.name.as_str(), constant.value.clone())).collect();
     assert_eq!(
         found,
         [
@@ -156,23 +102,13 @@ fn comments_belong_to_what_they_stand_at() {
 fn an_empty_message_gets_the_field_that_ros_gives_it() {
     let spot = parse("# Nothing.\nuint8 A=1\n").expect("a message without fields");
     assert_eq!(spot.body.fields.len(), 1);
-    assert_eq!(
-        spot.body.fields[0].name,
-        "structure_needs_at_least_one_member"
-    );
+    assert_eq!(spot.body.fields[0].name, "structure_needs_at_least_one_member");
     assert!(!spot.text.contains("structure_needs"));
 }
 
 #[test]
 fn line_endings_do_not_matter() {
-    assert_eq!(
-        parse("int8 a\r\nint8\tb\r\n")
-            .expect("carriage returns")
-            .body
-            .fields
-            .len(),
-        2
-    );
+    assert_eq!(parse("int8 a\r\nint8\tb\r\n").expect("carriage returns").body.fields.len(), 2);
 }
 
 #[test]
@@ -193,33 +129,18 @@ fn bad_lines_are_refused_with_file_and_line() {
         ("Foo_Bar a", "`Foo_Bar` is no type"),
         ("int8] a", "`int8]` is no type"),
         ("int8[][] a", "`int8[]` is no type"),
-        (
-            "int8[0] a",
-            "size or bound `0` must be a whole number from 1 to 4294967295",
-        ),
+        ("int8[0] a", "size or bound `0` must be a whole number from 1 to 4294967295"),
         ("int8[-1] a", "size or bound `-1`"),
         ("int8[<=4294967296] a", "size or bound `4294967296`"),
         ("string<= a", "size or bound ``"),
         ("int8<=3 a", "`int8<=3` is no type"),
-        (
-            "int8 a 128",
-            "`128` is no value for int8: expected a whole number from -128 to 127",
-        ),
+        ("int8 a 128", "`128` is no value for int8: expected a whole number from -128 to 127"),
         ("uint8 a -1", "`-1` is no value for uint8"),
         ("uint8 a 0x-1", "`0x-1` is no value for uint8"),
         ("uint8 a 1.0", "`1.0` is no value for uint8"),
-        (
-            "int64 a 99999999999999999999999999999999999999999",
-            "is no value for int64",
-        ),
-        (
-            "bool a yes",
-            "`yes` is no value for bool: expected true, false, 1 or 0",
-        ),
-        (
-            "float32 a 1e39",
-            "`1e39` is no value for float32: expected a finite number",
-        ),
+        ("int64 a 99999999999999999999999999999999999999999", "is no value for int64"),
+        ("bool a yes", "`yes` is no value for bool: expected true, false, 1 or 0"),
+        ("float32 a 1e39", "`1e39` is no value for float32: expected a finite number"),
         ("float64 a nan", "`nan` is no value for float64"),
         ("string a \"open", "the quotes do not match"),
         ("string a \"in\"side\"", "the quotes do not match"),
@@ -227,24 +148,15 @@ fn bad_lines_are_refused_with_file_and_line() {
         ("string<=2 a abc", "expected at most 2 bytes, found 3"),
         ("int8[2] a [1]", "expected 2 to 2 elements, found 1"),
         ("int8[<=2] a [1,2,3]", "expected 0 to 2 elements, found 3"),
-        (
-            "int8[] a 1",
-            "expected `[`, elements with commas between them, `]`",
-        ),
+        ("int8[] a 1", "expected `[`, elements with commas between them, `]`"),
         ("int8[] a [1,]", "`[1,]` is no value for int8[]"),
-        (
-            "Point a 1",
-            "a field of type `Point` cannot have a default value",
-        ),
+        ("Point a 1", "a field of type `Point` cannot have a default value"),
         ("Point A=1", "a constant cannot have the type `Point`"),
         ("int8[] A=[1]", "a constant cannot have the type `int8[]`"),
         ("int8 A=", "`` is no value for int8"),
         ("int8 first", "`first` is defined twice"),
         ("Missing a", "type demo_msgs/msg/Missing is not defined"),
-        (
-            "other_msgs/Point a",
-            "type other_msgs/msg/Point is not defined",
-        ),
+        ("other_msgs/Point a", "type other_msgs/msg/Point is not defined"),
         ("Spot[] a", "demo_msgs/msg/Spot contains itself"),
     ];
     for (line, problem) in cases {
@@ -257,33 +169,17 @@ fn bad_lines_are_refused_with_file_and_line() {
 #[test]
 fn names_of_files_are_checked() {
     let found = Catalogue::new(&[source(Namespace::Msg, "spot", "")]).expect_err("a small letter");
-    assert_eq!(
-        found.to_string(),
-        "msg/spot.msg:1: `spot` cannot name a message: letters and digits, a capital first"
-    );
-    let twice = [
-        source(Namespace::Msg, "Spot", ""),
-        source(Namespace::Msg, "Spot", ""),
-    ];
+    assert_eq!(found.to_string(), "msg/spot.msg:1: `spot` cannot name a message: letters and digits, a capital first");
+    let twice = [source(Namespace::Msg, "Spot", ""), source(Namespace::Msg, "Spot", "")];
     let found = Catalogue::new(&twice).expect_err("two of one name");
-    assert!(
-        found
-            .to_string()
-            .contains("`demo_msgs/msg/Spot` is defined twice")
-    );
+    assert!(found.to_string().contains("`demo_msgs/msg/Spot` is defined twice"));
 }
 
 #[test]
 fn types_must_not_contain_each_other() {
-    let sources = [
-        source(Namespace::Msg, "A", "int8 x\nB b"),
-        source(Namespace::Msg, "B", "A[] a"),
-    ];
+    let sources = [source(Namespace::Msg, "A", "int8 x\nB b"), source(Namespace::Msg, "B", "A[] a")];
     let found = Catalogue::new(&sources).expect_err("a circle");
-    assert_eq!(
-        found.to_string(),
-        "msg/A.msg:2: demo_msgs/msg/A contains itself"
-    );
+    assert_eq!(found.to_string(), "msg/A.msg:2: demo_msgs/msg/A contains itself");
 }
 
 #[test]
@@ -303,22 +199,15 @@ fn services_and_actions_need_their_sections() {
 
 #[test]
 fn lines_are_counted_through_sections() {
-    let found = Catalogue::new(&[source(Namespace::Srv, "Do", "int8 a\n---\n\nint8 B\n")])
-        .expect_err("a bad name");
+    let found = Catalogue::new(&[source(Namespace::Srv, "Do", "int8 a\n---\n\nint8 B\n")]).expect_err("a bad name");
     assert!(found.to_string().starts_with("srv/Do.srv:4: "), "{found}");
 }
 
 #[test]
 fn wide_strings_have_no_rust_type() {
-    let catalogue = Catalogue::new(&[source(Namespace::Msg, "Spot", "\nwstring text\n")])
-        .expect("a wide string");
+    let catalogue = Catalogue::new(&[source(Namespace::Msg, "Spot", "\nwstring text\n")]).expect("a wide string");
     let found = emit(&catalogue, "demo_msgs").expect_err("a wide string");
-    assert!(
-        found
-            .to_string()
-            .starts_with("msg/Spot.msg:2: `wstring` has no wire form"),
-        "{found}"
-    );
+    assert!(found.to_string().starts_with("msg/Spot.msg:2: `wstring` has no wire form"), "{found}");
 }
 
 #[test]
@@ -337,12 +226,7 @@ fn folders_are_read_in_order_and_strangers_refused() {
 
     fs::write(&stranger, "").expect("a file");
     let found = Source::read_package("demo_msgs", &root).expect_err("a stranger");
-    assert!(
-        found
-            .to_string()
-            .ends_with("notes.txt: only .msg files belong here"),
-        "{found}"
-    );
+    assert!(found.to_string().ends_with("notes.txt: only .msg files belong here"), "{found}");
 
     let found = Source::read_packages(&root.join("absent")).expect_err("no folder");
     assert!(found.to_string().contains("absent: "), "{found}");

@@ -42,10 +42,7 @@ fn check(text: &str) -> Result<(), TestCaseError> {
                 let _ = emit(&catalogue, "demo_msgs");
             }
             Err(Error::Definition { line, .. }) => {
-                prop_assert!(
-                    (1..=text.lines().count().max(1)).contains(&line),
-                    "line {line}"
-                );
+                prop_assert!((1..=text.lines().count().max(1)).contains(&line), "line {line}");
             }
             Err(other) => return Err(TestCaseError::fail(other.to_string())),
         }
@@ -62,16 +59,11 @@ fn valid_line() -> impl Strategy<Value = String> {
         (1_u32..99).prop_map(|bound| format!("[<={bound}]")),
     ];
     prop_oneof![
-        (
-            "(bool|byte|char|float32|float64|u?int(8|16|32|64)|string|string<=7|Point)",
-            arity
-        )
+        ("(bool|byte|char|float32|float64|u?int(8|16|32|64)|string|string<=7|Point)", arity)
             .prop_map(|(element, arity)| format!("{element}{arity} f@")),
         any::<i32>().prop_map(|value| format!("int32 f@ {value}")),
         any::<u64>().prop_map(|value| format!("uint64 C@={value}")),
-        any::<f64>()
-            .prop_filter("finite", |value| value.is_finite())
-            .prop_map(|value| format!("float64 f@ {value:?}")),
+        any::<f64>().prop_filter("finite", |value| value.is_finite()).prop_map(|value| format!("float64 f@ {value:?}")),
         "[a-z ]{0,5}[a-z]".prop_map(|value| format!("string C@={value}")),
     ]
 }

@@ -8,11 +8,7 @@ fn emitted(text: &str) -> String {
 }
 
 fn emit_all(sources: &[Source]) -> String {
-    emit(
-        &Catalogue::new(sources).expect("valid definitions"),
-        "demo_msgs",
-    )
-    .expect("Rust source")
+    emit(&Catalogue::new(sources).expect("valid definitions"), "demo_msgs").expect("Rust source")
 }
 
 #[test]
@@ -35,37 +31,21 @@ fn fields_become_plain_rust() {
 
 #[test]
 fn defaults_are_derived_unless_they_differ_from_those_of_rust() {
-    for derived in [
-        "int8 a 0",
-        "bool a false",
-        "string a ''",
-        "int8[] a []",
-        "float64[2] a [0, 0]",
-        "int8[32] a",
-    ] {
-        assert!(
-            !emitted(derived).contains("impl ::core::default::Default"),
-            "{derived}"
-        );
+    for derived in ["int8 a 0", "bool a false", "string a ''", "int8[] a []", "float64[2] a [0, 0]", "int8[32] a"] {
+        assert!(!emitted(derived).contains("impl ::core::default::Default"), "{derived}");
     }
     for (written, value) in [
         ("int8 a -1", "a: -1,"),
         ("bool a true", "a: true,"),
         ("float64 a 1", "a: 1.0,"),
         ("float64 a -0.0", "a: -0.0,"),
-        (
-            "string a \"x\\\"y\"",
-            "a: ::std::string::String::from(\"x\\\"y\"),",
-        ),
+        ("string a \"x\\\"y\"", "a: ::std::string::String::from(\"x\\\"y\"),"),
         ("int8[] a [0]", "a: ::std::vec![0],"),
         ("int8[2] a [1,2]", "a: [1, 2],"),
         ("int8[33] a", "a: ::core::array::from_fn("),
     ] {
         let rust = emitted(written);
-        assert!(
-            rust.contains("impl ::core::default::Default for Spot"),
-            "{written}"
-        );
+        assert!(rust.contains("impl ::core::default::Default for Spot"), "{written}");
         assert!(rust.contains(value), "{written}:\n{rust}");
     }
 }
@@ -80,31 +60,16 @@ fn only_what_lies_in_place_is_copied() {
 
 #[test]
 fn comments_become_documentation_and_cannot_break_out_of_it() {
-    let rust =
-        emitted("# Head.\n\n# A \u{b}strange\u{2028} */ one.\nint8 a\nuint8 B=1\nstring C=x\ry\n");
-    assert!(
-        rust.contains("/// `demo_msgs/msg/Spot`\n/// \n/// Head.\n"),
-        "{rust}"
-    );
+    let rust = emitted("# Head.\n\n# A \u{b}strange\u{2028} */ one.\nint8 a\nuint8 B=1\nstring C=x\ry\n");
+    assert!(rust.contains("/// `demo_msgs/msg/Spot`\n/// \n/// Head.\n"), "{rust}");
     assert!(rust.contains("/// A  strange"), "{rust}");
-    assert!(
-        rust.contains("/// `uint8 B=1`\npub const B: u8 = 1;"),
-        "{rust}"
-    );
+    assert!(rust.contains("/// `uint8 B=1`\npub const B: u8 = 1;"), "{rust}");
     assert!(rust.contains("pub const C: &str = \"x\\ry\";"), "{rust}");
 }
 
 #[test]
 fn rust_names_must_differ() {
-    let sources = with_needed([
-        source(Namespace::Srv, "Do", "---\n"),
-        source(Namespace::Srv, "DoRequest", "---\n"),
-    ]);
+    let sources = with_needed([source(Namespace::Srv, "Do", "---\n"), source(Namespace::Srv, "DoRequest", "---\n")]);
     let found = Catalogue::new(&sources).expect_err("two types of one Rust name");
-    assert!(
-        found
-            .to_string()
-            .contains("would both be called `DoRequest` in Rust"),
-        "{found}"
-    );
+    assert!(found.to_string().contains("would both be called `DoRequest` in Rust"), "{found}");
 }

@@ -62,23 +62,14 @@ impl PartAppearance {
     /// Both faces are about equally bright on the whole, so that only their structure tells them apart.
     #[must_use]
     pub fn grommet(diameter_m: f64, thickness_m: f64) -> Self {
-        let ring = |radius_ratio, reflectance, slope| FaceRing {
-            radius_ratio,
-            reflectance,
-            slope,
-        };
+        let ring = |radius_ratio, reflectance, slope| FaceRing { radius_ratio, reflectance, slope };
         let face = |rings| FaceAppearance { rings, mark: None };
         Self {
             diameter_m,
             thickness_m,
             side_reflectance: 0.26,
             faces: vec![
-                face(vec![
-                    ring(0.30, 0.06, 0.0),
-                    ring(0.40, 0.40, 0.8),
-                    ring(0.90, 0.44, 0.0),
-                    ring(1.00, 0.38, -0.9),
-                ]),
+                face(vec![ring(0.30, 0.06, 0.0), ring(0.40, 0.40, 0.8), ring(0.90, 0.44, 0.0), ring(1.00, 0.38, -0.9)]),
                 face(vec![
                     ring(0.42, 0.60, 0.0),
                     ring(0.50, 0.45, -1.2),
@@ -97,48 +88,23 @@ impl PartAppearance {
     /// [`InvalidValue`] naming the field out of range.
     pub fn validate(&self) -> Result<(), InvalidValue> {
         let diameter_ok = (5e-4..=0.2).contains(&self.diameter_m);
-        require(
-            diameter_ok,
-            "part.diameter_m",
-            self.diameter_m,
-            "5e-4 to 0.2 m",
-        )?;
+        require(diameter_ok, "part.diameter_m", self.diameter_m, "5e-4 to 0.2 m")?;
         let thickness_ok = (0.0..=0.1).contains(&self.thickness_m);
-        require(
-            thickness_ok,
-            "part.thickness_m",
-            self.thickness_m,
-            "0 to 0.1 m",
-        )?;
+        require(thickness_ok, "part.thickness_m", self.thickness_m, "0 to 0.1 m")?;
         let share = |field, value| require((0.0..=1.0).contains(&value), field, value, "0 to 1");
         share("part.side_reflectance", self.side_reflectance)?;
-        require(
-            !self.faces.is_empty(),
-            "part.faces",
-            0.0,
-            "at least one face",
-        )?;
+        require(!self.faces.is_empty(), "part.faces", 0.0, "at least one face")?;
         for face in &self.faces {
             let mut inner = 0.0;
             for ring in &face.rings {
                 let radius = ring.radius_ratio;
-                require(
-                    radius > inner && radius <= 1.0,
-                    "part.faces.rings.radius_ratio",
-                    radius,
-                    "rising, up to 1",
-                )?;
+                require(radius > inner && radius <= 1.0, "part.faces.rings.radius_ratio", radius, "rising, up to 1")?;
                 inner = radius;
                 share("part.faces.rings.reflectance", ring.reflectance)?;
                 let slope_ok = ring.slope.abs() <= 10.0;
                 require(slope_ok, "part.faces.rings.slope", ring.slope, "-10 to 10")?;
             }
-            require(
-                inner >= 1.0,
-                "part.faces.rings.radius_ratio",
-                inner,
-                "1 for the last ring",
-            )?;
+            require(inner >= 1.0, "part.faces.rings.radius_ratio", inner, "1 for the last ring")?;
             if let Some(mark) = face.mark {
                 share("part.faces.mark.offset_ratio", mark.offset_ratio)?;
                 share("part.faces.mark.radius_ratio", mark.radius_ratio)?;
@@ -193,11 +159,7 @@ impl Face {
                     let offset = (tap as f64 / (TAPS - 1) as f64 - 0.5) * pixel_ratio;
                     let radius = (place + offset).abs().min(1.0);
                     // The last ring reaches 1, so one is always found.
-                    if let Some(ring) = appearance
-                        .rings
-                        .iter()
-                        .find(|ring| radius <= ring.radius_ratio)
-                    {
+                    if let Some(ring) = appearance.rings.iter().find(|ring| radius <= ring.radius_ratio) {
                         reflectance += ring.reflectance / TAPS as f64;
                         slope += ring.slope / TAPS as f64;
                     }
@@ -209,19 +171,12 @@ impl Face {
                 }
             })
             .collect();
-        Self {
-            samples,
-            mark: appearance.mark,
-        }
+        Self { samples, mark: appearance.mark }
     }
 
     /// The face at a distance from its centre, in radii.
     pub(super) fn at(&self, radius: f32) -> FaceSample {
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a float cast saturates"
-        )]
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
         let index = (radius * (FACE_SAMPLES - 1) as f32 + 0.5) as usize;
         self.samples[index.min(FACE_SAMPLES - 1)]
     }

@@ -57,9 +57,7 @@ pub enum DecodeError {
         source: zune_jpeg::errors::DecodeErrors,
     },
     /// A JPEG of colours, or cut short.
-    #[error(
-        "the JPEG has {pixel_bytes} bytes of pixels; allowed: one each of {width_px}x{height_px} px"
-    )]
+    #[error("the JPEG has {pixel_bytes} bytes of pixels; allowed: one each of {width_px}x{height_px} px")]
     NotMono {
         /// Width, px.
         width_px: usize,
@@ -84,26 +82,15 @@ pub fn encode(image: &GrayImage, quality: u8, bytes_max: usize) -> Result<Vec<u8
         let side = |size: u32| u16::try_from(size).unwrap_or(0);
         Encoder::new(&mut bytes, quality)
             .encode(image, side(width_px), side(height_px), ColorType::Luma)
-            .map_err(|source| EncodeError::Encoder {
-                width_px,
-                height_px,
-                source,
-            })?;
+            .map_err(|source| EncodeError::Encoder { width_px, height_px, source })?;
         if bytes.len() <= bytes_max {
             return Ok(bytes);
         }
         if quality == 1 {
-            return Err(EncodeError::TooLarge {
-                width_px,
-                height_px,
-                bytes: bytes.len(),
-                bytes_max,
-            });
+            return Err(EncodeError::TooLarge { width_px, height_px, bytes: bytes.len(), bytes_max });
         }
         let step = QUALITY_STEP * (bytes.len() / bytes_max.max(1)).max(1);
-        quality = quality
-            .saturating_sub(u8::try_from(step).unwrap_or(u8::MAX))
-            .max(1);
+        quality = quality.saturating_sub(u8::try_from(step).unwrap_or(u8::MAX)).max(1);
     }
 }
 
@@ -119,10 +106,7 @@ pub fn decode(bytes: &[u8]) -> Result<GrayImage, DecodeError> {
         .set_max_height(SIDE_MAX_PX)
         .jpeg_set_out_colorspace(ColorSpace::Luma);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
-    let pixels = decoder.decode().map_err(|source| DecodeError::Decoder {
-        bytes: bytes.len(),
-        source,
-    })?;
+    let pixels = decoder.decode().map_err(|source| DecodeError::Decoder { bytes: bytes.len(), source })?;
     let (width_px, height_px) = decoder.dimensions().unwrap_or_default();
     let pixel_bytes = pixels.len();
     let side = |size: usize| u32::try_from(size).ok();
@@ -130,11 +114,7 @@ pub fn decode(bytes: &[u8]) -> Result<GrayImage, DecodeError> {
         .zip(side(height_px))
         .and_then(|(width, height)| GrayImage::from_raw(width, height, pixels))
         .filter(|image| pixel_bytes == image.len() && pixel_bytes > 0)
-        .ok_or(DecodeError::NotMono {
-            width_px,
-            height_px,
-            pixel_bytes,
-        })
+        .ok_or(DecodeError::NotMono { width_px, height_px, pixel_bytes })
 }
 
 #[cfg(test)]
@@ -148,22 +128,16 @@ mod tests {
 
     /// Smooth with some edges, as a feeder is.
     fn picture() -> GrayImage {
-        GrayImage::from_fn(160, 120, |x, y| {
-            Luma([if (x / 20 + y / 20) % 2 == 0 { 60 } else { 180 }])
-        })
+        GrayImage::from_fn(160, 120, |x, y| Luma([if (x / 20 + y / 20) % 2 == 0 { 60 } else { 180 }]))
     }
 
     #[test]
     fn a_picture_survives_transport_nearly_unchanged() {
         let picture = picture();
-        let decoded =
-            decode(&encode(&picture, DEFAULT_QUALITY, DEFAULT_BYTES_MAX).unwrap()).unwrap();
+        let decoded = decode(&encode(&picture, DEFAULT_QUALITY, DEFAULT_BYTES_MAX).unwrap()).unwrap();
         assert_eq!(decoded.dimensions(), picture.dimensions());
-        let square: f64 = picture
-            .iter()
-            .zip(decoded.iter())
-            .map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2))
-            .sum();
+        let square: f64 =
+            picture.iter().zip(decoded.iter()).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum();
         // 40 dB of signal to noise, what is called visually lossless, is an rms error of 2.55 levels.
         assert!((square / f64::from(160 * 120)).sqrt() < 2.55);
     }
@@ -176,25 +150,13 @@ mod tests {
         assert!(bytes.len() <= DEFAULT_BYTES_MAX);
         assert_eq!(decode(&bytes).unwrap().dimensions(), (640, 480));
         let refused = encode(&picture, DEFAULT_QUALITY, 2_000).unwrap_err();
-        assert!(matches!(
-            refused,
-            EncodeError::TooLarge {
-                bytes_max: 2_000,
-                ..
-            }
-        ));
+        assert!(matches!(refused, EncodeError::TooLarge { bytes_max: 2_000, .. }));
     }
 
     #[test]
     fn what_is_no_picture_is_refused() {
-        assert!(matches!(
-            encode(&GrayImage::new(0, 4), 90, 1_000),
-            Err(EncodeError::Encoder { .. })
-        ));
-        assert!(matches!(
-            decode(&[]),
-            Err(DecodeError::Decoder { bytes: 0, .. })
-        ));
+        assert!(matches!(encode(&GrayImage::new(0, 4), 90, 1_000), Err(EncodeError::Encoder { .. })));
+        assert!(matches!(decode(&[]), Err(DecodeError::Decoder { bytes: 0, .. })));
         let bytes = encode(&picture(), 90, DEFAULT_BYTES_MAX).unwrap();
         assert!(decode(&bytes[..bytes.len() / 2]).is_err());
     }
@@ -202,9 +164,7 @@ mod tests {
     #[test]
     fn a_coloured_jpeg_becomes_mono_or_is_refused() {
         let mut bytes = Vec::new();
-        Encoder::new(&mut bytes, 90)
-            .encode(&[90; 3 * 16 * 16], 16, 16, ColorType::Rgb)
-            .unwrap();
+        Encoder::new(&mut bytes, 90).encode(&[90; 3 * 16 * 16], 16, 16, ColorType::Rgb).unwrap();
         if let Ok(image) = decode(&bytes) {
             assert_eq!(image.dimensions(), (16, 16));
         }

@@ -49,25 +49,10 @@ impl LightModel {
         let level_ok = (0.0..=1e4).contains(&self.white_level);
         require(level_ok, "light.white_level", self.white_level, "0 to 1e4")?;
         let diffuse_ok = (0.0..=1.0).contains(&self.diffuse_ratio);
-        require(
-            diffuse_ok,
-            "light.diffuse_ratio",
-            self.diffuse_ratio,
-            "0 to 1",
-        )?;
-        require(
-            self.azimuth_rad.is_finite(),
-            "light.azimuth_rad",
-            self.azimuth_rad,
-            "a finite number",
-        )?;
+        require(diffuse_ok, "light.diffuse_ratio", self.diffuse_ratio, "0 to 1")?;
+        require(self.azimuth_rad.is_finite(), "light.azimuth_rad", self.azimuth_rad, "a finite number")?;
         let elevation_ok = (0.1..=std::f64::consts::FRAC_PI_2).contains(&self.elevation_rad);
-        require(
-            elevation_ok,
-            "light.elevation_rad",
-            self.elevation_rad,
-            "0.1 to π/2 rad",
-        )?;
+        require(elevation_ok, "light.elevation_rad", self.elevation_rad, "0.1 to π/2 rad")?;
         for (field, value) in [
             ("light.gradient_right_ratio", self.gradient_right_ratio),
             ("light.gradient_down_ratio", self.gradient_down_ratio),
@@ -84,12 +69,8 @@ impl LightModel {
         let down = 2.0 * (row + 0.5) / f64::from(height_px) - 1.0;
         let gradient = self.gradient_right_ratio * right + self.gradient_down_ratio * down;
         let corner = (right * right + down * down) / 2.0;
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "grey levels need no more than f32"
-        )]
-        let white =
-            (self.white_level * (1.0 + gradient) * (1.0 - self.vignetting_ratio * corner)) as f32;
+        #[expect(clippy::cast_possible_truncation, reason = "grey levels need no more than f32")]
+        let white = (self.white_level * (1.0 + gradient) * (1.0 - self.vignetting_ratio * corner)) as f32;
         white
     }
 
@@ -97,18 +78,10 @@ impl LightModel {
     pub(crate) fn in_tray(&self, tray_yaw_rad: f64) -> Shading {
         let (sin, cos) = (self.azimuth_rad - tray_yaw_rad).sin_cos();
         let steepness = 1.0 / self.elevation_rad.tan();
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "grey levels need no more than f32"
-        )]
-        let (diffuse, toward_lamp) = (
-            self.diffuse_ratio as f32,
-            Vector2::new((cos * steepness) as f32, (sin * steepness) as f32),
-        );
-        Shading {
-            diffuse,
-            toward_lamp,
-        }
+        #[expect(clippy::cast_possible_truncation, reason = "grey levels need no more than f32")]
+        let (diffuse, toward_lamp) =
+            (self.diffuse_ratio as f32, Vector2::new((cos * steepness) as f32, (sin * steepness) as f32));
+        Shading { diffuse, toward_lamp }
     }
 }
 
@@ -160,15 +133,9 @@ mod tests {
 
     #[test]
     fn bad_light_is_refused_by_name() {
-        let bad = LightModel {
-            elevation_rad: 0.0,
-            ..LightModel::default()
-        };
+        let bad = LightModel { elevation_rad: 0.0, ..LightModel::default() };
         assert_eq!(bad.validate().unwrap_err().field, "light.elevation_rad");
-        let bad = LightModel {
-            white_level: f64::NAN,
-            ..LightModel::default()
-        };
+        let bad = LightModel { white_level: f64::NAN, ..LightModel::default() };
         assert_eq!(bad.validate().unwrap_err().field, "light.white_level");
     }
 }

@@ -43,23 +43,12 @@ pub(crate) fn require(
     value: f64,
     allowed: &'static str,
 ) -> Result<(), InvalidValue> {
-    if accepted {
-        Ok(())
-    } else {
-        Err(InvalidValue {
-            field,
-            value,
-            allowed,
-        })
-    }
+    if accepted { Ok(()) } else { Err(InvalidValue { field, value, allowed }) }
 }
 
 /// Pixels and grey levels need no more than single precision.
 pub(crate) fn single(value: f64) -> f32 {
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "rounding to single precision is the purpose"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "rounding to single precision is the purpose")]
     let value = value as f32;
     value
 }

@@ -1,8 +1,6 @@
 //! Pinhole camera with plumb-bob distortion, looking straight down at the platen.
 
-use nalgebra::{
-    Isometry3, Matrix2, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector2,
-};
+use nalgebra::{Isometry3, Matrix2, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::spec::{CameraPose, CameraSpec, Distortion};
@@ -37,33 +35,14 @@ impl CameraModel {
     pub fn new(spec: CameraSpec) -> Result<Self, InvalidValue> {
         const SIZE: &str = "16 to 4096 px";
         let size_ok = |size| (16..=4096).contains(&size);
-        require(
-            size_ok(spec.width_px),
-            "width_px",
-            spec.width_px.into(),
-            SIZE,
-        )?;
-        require(
-            size_ok(spec.height_px),
-            "height_px",
-            spec.height_px.into(),
-            SIZE,
-        )?;
+        require(size_ok(spec.width_px), "width_px", spec.width_px.into(), SIZE)?;
+        require(size_ok(spec.height_px), "height_px", spec.height_px.into(), SIZE)?;
         let pose = spec.pose;
-        for (field, value) in [
-            ("pose.x_m", pose.x_m),
-            ("pose.y_m", pose.y_m),
-            ("pose.yaw_rad", pose.yaw_rad),
-        ] {
+        for (field, value) in [("pose.x_m", pose.x_m), ("pose.y_m", pose.y_m), ("pose.yaw_rad", pose.yaw_rad)] {
             require(value.is_finite(), field, value, "a finite number")?;
         }
         let height_ok = pose.height_m > 0.0 && pose.height_m <= 100.0;
-        require(
-            height_ok,
-            "pose.height_m",
-            pose.height_m,
-            "above 0 up to 100 m",
-        )?;
+        require(height_ok, "pose.height_m", pose.height_m, "above 0 up to 100 m")?;
         let focal_length_px = match (spec.focal_length_px, spec.platen_m_per_px) {
             (Some(focal_length_px), None) => focal_length_px,
             (None, Some(platen_m_per_px)) => {
@@ -81,18 +60,10 @@ impl CameraModel {
         };
         let focal_ok = (1.0..=1e6).contains(&focal_length_px);
         require(focal_ok, "focal_length_px", focal_length_px, "1 to 1e6 px")?;
-        let middle = [
-            f64::from(spec.width_px - 1) / 2.0,
-            f64::from(spec.height_px - 1) / 2.0,
-        ];
+        let middle = [f64::from(spec.width_px - 1) / 2.0, f64::from(spec.height_px - 1) / 2.0];
         let principal_point_px = Vector2::from(spec.principal_point_px.unwrap_or(middle));
         for value in principal_point_px.iter() {
-            require(
-                value.abs() <= 1e5,
-                "principal_point_px",
-                *value,
-                "-1e5 to 1e5 px",
-            )?;
+            require(value.abs() <= 1e5, "principal_point_px", *value, "-1e5 to 1e5 px")?;
         }
         let d = spec.distortion;
         for (field, value) in [
@@ -123,12 +94,8 @@ impl CameraModel {
         const STEPS: u32 = 16;
         for row in 0..=STEPS {
             for column in 0..=STEPS {
-                let fraction =
-                    |step: u32, size: u32| f64::from(step) / f64::from(STEPS) * f64::from(size);
-                let pixel = Point2::new(
-                    fraction(column, self.width_px) - 0.5,
-                    fraction(row, self.height_px) - 0.5,
-                );
+                let fraction = |step: u32, size: u32| f64::from(step) / f64::from(STEPS) * f64::from(size);
+                let pixel = Point2::new(fraction(column, self.width_px) - 0.5, fraction(row, self.height_px) - 0.5);
                 let invertible = self
                     .undistort(self.distorted_ray(pixel))
                     .is_some_and(|ray| self.distort(ray).1.determinant() > 0.0);
@@ -312,12 +279,7 @@ mod tests {
             platen_m_per_px: Some(0.000_43),
             principal_point_px: None,
             distortion: Distortion::default(),
-            pose: CameraPose {
-                x_m: 0.2,
-                y_m: 0.1,
-                height_m: 0.6,
-                yaw_rad: 0.0,
-            },
+            pose: CameraPose { x_m: 0.2, y_m: 0.1, height_m: 0.6, yaw_rad: 0.0 },
         }
     }
 
@@ -354,23 +316,11 @@ mod tests {
         assert_eq!(refused(|s| s.pose.height_m = -1.0), "pose.height_m");
         assert_eq!(refused(|s| s.pose.x_m = f64::NAN), "pose.x_m");
         assert_eq!(refused(|s| s.platen_m_per_px = None), "focal_length_px");
-        assert_eq!(
-            refused(|s| s.focal_length_px = Some(1000.0)),
-            "focal_length_px"
-        );
-        assert_eq!(
-            refused(|s| s.platen_m_per_px = Some(0.0)),
-            "platen_m_per_px"
-        );
-        assert_eq!(
-            refused(|s| s.principal_point_px = Some([f64::NAN, 0.0])),
-            "principal_point_px"
-        );
+        assert_eq!(refused(|s| s.focal_length_px = Some(1000.0)), "focal_length_px");
+        assert_eq!(refused(|s| s.platen_m_per_px = Some(0.0)), "platen_m_per_px");
+        assert_eq!(refused(|s| s.principal_point_px = Some([f64::NAN, 0.0])), "principal_point_px");
         assert_eq!(refused(|s| s.distortion.k1 = -20.0), "distortion.k1");
-        assert_eq!(
-            refused(|s| s.distortion.p2 = f64::INFINITY),
-            "distortion.p2"
-        );
+        assert_eq!(refused(|s| s.distortion.p2 = f64::INFINITY), "distortion.p2");
     }
 
     proptest! {

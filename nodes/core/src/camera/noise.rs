@@ -55,11 +55,7 @@ mod tests {
         table.add(&mut Pcg64Mcg::seed_from_u64(7), 640, &mut pixels);
         let count = f64::from(640_u32 * 480);
         let mean = pixels.iter().map(|p| f64::from(*p)).sum::<f64>() / count;
-        let variance = pixels
-            .iter()
-            .map(|p| (f64::from(*p) - mean).powi(2))
-            .sum::<f64>()
-            / count;
+        let variance = pixels.iter().map(|p| (f64::from(*p) - mean).powi(2)).sum::<f64>() / count;
         // A table of 65,536 has a mean within 4·2/256; rounding to whole levels adds 1/12 to the variance of 4, whose
         // own scatter is 4·√(2/65536) = 0.022.
         assert!((mean - 128.0).abs() < 0.032, "mean {mean}");

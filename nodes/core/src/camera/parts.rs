@@ -69,45 +69,24 @@ impl PartPainter {
             radius_m,
             thickness_m: scene.part.thickness_m,
             side_reflectance: single(scene.part.side_reflectance),
-            faces: scene
-                .part
-                .faces
-                .iter()
-                .map(|face| Face::new(face, pixel_ratio))
-                .collect(),
+            faces: scene.part.faces.iter().map(|face| Face::new(face, pixel_ratio)).collect(),
         }
     }
 
     pub(crate) fn check(&self, part: &PartView) -> Result<(), InvalidValue> {
-        for (field, value) in [
-            ("part.x_m", part.x_m),
-            ("part.y_m", part.y_m),
-            ("part.z_m", part.z_m),
-            ("part.yaw_rad", part.yaw_rad),
-        ] {
+        for (field, value) in
+            [("part.x_m", part.x_m), ("part.y_m", part.y_m), ("part.z_m", part.z_m), ("part.yaw_rad", part.yaw_rad)]
+        {
             require(value.is_finite(), field, value, "a finite number")?;
         }
-        require(
-            part.pose < self.faces.len(),
-            "part.pose",
-            part.pose as f64,
-            "an index of part.faces",
-        )
+        require(part.pose < self.faces.len(), "part.pose", part.pose as f64, "an index of part.faces")
     }
 
-    pub(crate) fn paint(
-        &self,
-        platen_from_tray: &Isometry2<f64>,
-        parts: &[PartView],
-        pixels: &mut [u8],
-    ) {
+    pub(crate) fn paint(&self, platen_from_tray: &Isometry2<f64>, parts: &[PartView], pixels: &mut [u8]) {
         // A higher part hides a lower one; at equal height the order given decides.
         let mut order: Vec<&PartView> = parts.iter().collect();
         order.sort_by(|a, b| a.z_m.total_cmp(&b.z_m));
-        let seen: Vec<Seen> = order
-            .iter()
-            .filter_map(|part| self.see(platen_from_tray, part))
-            .collect();
+        let seen: Vec<Seen> = order.iter().filter_map(|part| self.see(platen_from_tray, part)).collect();
         for part in &seen {
             self.paint_shadow(part, pixels);
         }
@@ -122,11 +101,8 @@ impl PartPainter {
         let centre = platen_from_tray * in_tray;
         let foot_m = self.tray.floor_height_m + part.z_m;
         let top_m = foot_m + self.thickness_m;
-        let at = |x: f64, y: f64, z: f64| {
-            self.camera
-                .project(Point3::new(x, y, z))
-                .map(|pixel| pixel.coords.map(single))
-        };
+        let at =
+            |x: f64, y: f64, z: f64| self.camera.project(Point3::new(x, y, z)).map(|pixel| pixel.coords.map(single));
         let top = at(centre.x, centre.y, top_m)?;
         let foot = at(centre.x, centre.y, foot_m)?;
         let shading = self.light.in_tray(0.0);
@@ -134,17 +110,13 @@ impl PartPainter {
         let shadow = at(centre.x - thrown.x, centre.y - thrown.y, foot_m)?;
         let yaw_rad = platen_from_tray.rotation.angle() + part.yaw_rad;
         let platen_from_part = *Rotation2::new(yaw_rad).matrix() * self.radius_m;
-        let px_from_platen = self
-            .camera
-            .projection_jacobian(Point3::new(centre.x, centre.y, top_m))?;
+        let px_from_platen = self.camera.projection_jacobian(Point3::new(centre.x, centre.y, top_m))?;
         let px_from_part = px_from_platen * platen_from_part;
         let part_from_px = px_from_part.try_inverse()?;
         let reach_px = Vector2::new(px_from_part.row(0).norm(), px_from_part.row(1).norm());
         let slope = self.tilt(in_tray, part.z_m);
         let (sin, cos) = yaw_rad.sin_cos();
-        let in_part = |v: Vector2<f64>| {
-            Vector2::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x).map(single)
-        };
+        let in_part = |v: Vector2<f64>| Vector2::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x).map(single);
         Some(Seen {
             part_from_px: part_from_px.map(single),
             foot,
@@ -183,23 +155,17 @@ impl PartPainter {
         top_m: f64,
     ) -> Option<Screen> {
         let camera = self.camera.pose();
-        let eye = platen_from_tray
-            .inverse_transform_point(&Point2::new(camera.x_m, camera.y_m))
-            .coords;
+        let eye = platen_from_tray.inverse_transform_point(&Point2::new(camera.x_m, camera.y_m)).coords;
         let depth_m = camera.height_m - top_m;
         let scale = |height_m: f64| (camera.height_m - height_m) / depth_m;
-        let (wall_scale, plateau_scale) = (
-            scale(self.tray.wall_top_m()),
-            scale(self.tray.plateau_height_m()),
-        );
+        let (wall_scale, plateau_scale) = (scale(self.tray.wall_top_m()), scale(self.tray.plateau_height_m()));
         let below_plateau = top_m < self.tray.plateau_height_m();
         let at_wall = eye + (in_tray.coords - eye) * wall_scale;
         let at_plateau = eye + (in_tray.coords - eye) * plateau_scale;
         let reach_m = self.radius_m + 4.0 * self.camera.m_per_px(top_m);
         let hidden_by_wall = at_wall.norm() < self.tray.geometry.inner_radius_m + reach_m
             || at_wall.norm() > self.tray.geometry.outer_radius_m - reach_m;
-        let hidden_by_drop_off =
-            below_plateau && self.tray.inside_sector_m(at_plateau.into()) > -reach_m;
+        let hidden_by_drop_off = below_plateau && self.tray.inside_sector_m(at_plateau.into()) > -reach_m;
         (hidden_by_wall || hidden_by_drop_off).then(|| Screen {
             centre: in_tray.coords,
             tray_from_part: *Rotation2::new(part.yaw_rad).matrix() * self.radius_m,
@@ -216,8 +182,7 @@ impl PartPainter {
         let from_eye = screen.centre + screen.tray_from_part * place.map(f64::from) - screen.eye;
         let radius_m = (screen.eye + from_eye * screen.wall_scale).norm();
         let geometry = &self.tray.geometry;
-        let mut behind_m =
-            (geometry.inner_radius_m - radius_m).max(radius_m - geometry.outer_radius_m);
+        let mut behind_m = (geometry.inner_radius_m - radius_m).max(radius_m - geometry.outer_radius_m);
         if screen.below_plateau {
             let at_plateau = screen.eye + from_eye * screen.plateau_scale;
             behind_m = behind_m.max(self.tray.inside_sector_m(at_plateau.into()));
@@ -226,25 +191,13 @@ impl PartPainter {
     }
 
     /// Calls `paint` for the pixels of an ellipse, its half-axes along the image's: with the pixel's index and place.
-    fn for_pixels(
-        &self,
-        centre: Vector2<f32>,
-        reach: Vector2<f32>,
-        mut paint: impl FnMut(usize, Vector2<f32>),
-    ) {
+    fn for_pixels(&self, centre: Vector2<f32>, reach: Vector2<f32>, mut paint: impl FnMut(usize, Vector2<f32>)) {
         let width = self.camera.width_px() as usize;
-        for row in within(
-            centre.y - reach.y,
-            centre.y + reach.y,
-            self.camera.height_px(),
-        ) {
+        for row in within(centre.y - reach.y, centre.y + reach.y, self.camera.height_px()) {
             let down = (row as f32 - centre.y) / reach.y;
             let half = reach.x * (1.0 - down * down).max(0.0).sqrt();
             for column in within(centre.x - half, centre.x + half, self.camera.width_px()) {
-                paint(
-                    row * width + column,
-                    Vector2::new(column as f32, row as f32),
-                );
+                paint(row * width + column, Vector2::new(column as f32, row as f32));
             }
         }
     }
@@ -304,11 +257,7 @@ impl PartPainter {
 
 /// The whole numbers from `low` to `high` within 0..`size`.
 fn within(low: f32, high: f32, size: u32) -> Range<usize> {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a float cast saturates"
-    )]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
     let (low, high) = (low.ceil() as usize, (high.floor() + 1.0) as usize);
     low..high.min(size as usize)
 }

@@ -8,10 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::noise::NoiseTable;
 use super::parts::PartPainter;
 use super::tray::TrayPainter;
-use super::{
-    CameraModel, InvalidValue, LightModel, MountedTray, PartAppearance, PartView, TrayAppearance,
-    require,
-};
+use super::{CameraModel, InvalidValue, LightModel, MountedTray, PartAppearance, PartView, TrayAppearance, require};
 
 /// The sensor behind the lens.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -23,9 +20,7 @@ pub struct SensorModel {
 
 impl Default for SensorModel {
     fn default() -> Self {
-        Self {
-            noise_sigma_levels: 2.0,
-        }
+        Self { noise_sigma_levels: 2.0 }
     }
 }
 
@@ -73,20 +68,10 @@ impl Renderer {
         scene.part.validate()?;
         scene.light.validate()?;
         let sigma = scene.sensor.noise_sigma_levels;
-        require(
-            (0.0..=40.0).contains(&sigma),
-            "sensor.noise_sigma_levels",
-            sigma,
-            "0 to 40",
-        )?;
+        require((0.0..=40.0).contains(&sigma), "sensor.noise_sigma_levels", sigma, "0 to 40")?;
         let height_m = scene.camera.pose().height_m;
         let clears = height_m >= 2.0 * (scene.tray.wall_top_m() + scene.part.thickness_m);
-        require(
-            clears,
-            "camera.pose.height_m",
-            height_m,
-            "at least twice the height of the tray's walls",
-        )?;
+        require(clears, "camera.pose.height_m", height_m, "at least twice the height of the tray's walls")?;
         Ok(Self {
             tray: TrayPainter::new(scene),
             parts: PartPainter::new(scene),
@@ -141,17 +126,8 @@ mod tests {
                 focal_length_px: None,
                 platen_m_per_px: Some(0.000_45),
                 principal_point_px: None,
-                distortion: Distortion {
-                    k1: -0.08,
-                    k2: 0.02,
-                    ..Distortion::default()
-                },
-                pose: CameraPose {
-                    x_m: 0.3,
-                    y_m: 0.3,
-                    height_m: 0.6,
-                    yaw_rad: 0.0,
-                },
+                distortion: Distortion { k1: -0.08, k2: 0.02, ..Distortion::default() },
+                pose: CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 },
             })
             .unwrap(),
             tray: MountedTray::new(TrayGeometry::PAPER),
@@ -164,53 +140,25 @@ mod tests {
 
     fn part(radius_m: f64, psi_rad: f64, pose: usize) -> PartView {
         let z_m = TrayGeometry::PAPER.height_m(psi_rad);
-        PartView {
-            x_m: radius_m * psi_rad.cos(),
-            y_m: radius_m * psi_rad.sin(),
-            z_m,
-            yaw_rad: 0.0,
-            pose,
-        }
+        PartView { x_m: radius_m * psi_rad.cos(), y_m: radius_m * psi_rad.sin(), z_m, yaw_rad: 0.0, pose }
     }
 
     fn picture(scene: &Scene, platen_from_tray: &Isometry2<f64>, parts: &[PartView]) -> GrayImage {
         let mut image = GrayImage::default();
         let renderer = Renderer::new(scene).unwrap();
-        renderer
-            .render(
-                platen_from_tray,
-                parts,
-                &mut Pcg64Mcg::seed_from_u64(1),
-                &mut image,
-            )
-            .unwrap();
+        renderer.render(platen_from_tray, parts, &mut Pcg64Mcg::seed_from_u64(1), &mut image).unwrap();
         image
     }
 
     /// Mean grey level over the 3x3 pixels where a point of the tray frame is seen.
-    fn level(
-        scene: &Scene,
-        image: &GrayImage,
-        platen_from_tray: &Isometry2<f64>,
-        point: Point3<f64>,
-    ) -> f64 {
+    fn level(scene: &Scene, image: &GrayImage, platen_from_tray: &Isometry2<f64>, point: Point3<f64>) -> f64 {
         let on_platen = platen_from_tray * point.xy();
         let above_platen_m = scene.tray.floor_height_m + point.z;
-        let pixel = scene
-            .camera
-            .project(Point3::new(on_platen.x, on_platen.y, above_platen_m))
-            .unwrap();
+        let pixel = scene.camera.project(Point3::new(on_platen.x, on_platen.y, above_platen_m)).unwrap();
         let mut sum = 0.0;
         for (dx, dy) in (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (dx, dy))) {
-            #[expect(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "within the image"
-            )]
-            let (x, y) = (
-                (pixel.x.round() as i32 + dx) as u32,
-                (pixel.y.round() as i32 + dy) as u32,
-            );
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the image")]
+            let (x, y) = ((pixel.x.round() as i32 + dx) as u32, (pixel.y.round() as i32 + dy) as u32);
             sum += f64::from(image.get_pixel(x, y).0[0]) / 9.0;
         }
         sum
@@ -223,14 +171,7 @@ mod tests {
         let parts: Vec<PartView> = (0..30).map(|i| part(0.07, f64::from(i) * 0.2, 0)).collect();
         let shoot = |seed| {
             let mut image = GrayImage::default();
-            renderer
-                .render(
-                    &pose,
-                    &parts,
-                    &mut Pcg64Mcg::seed_from_u64(seed),
-                    &mut image,
-                )
-                .unwrap();
+            renderer.render(&pose, &parts, &mut Pcg64Mcg::seed_from_u64(seed), &mut image).unwrap();
             image
         };
         assert_eq!(shoot(5), shoot(5));
@@ -241,13 +182,7 @@ mod tests {
     fn parts_appear_where_the_calibration_says_on_ramp_and_plateau() {
         let scene = scene(0.0);
         let pose = Isometry2::new(Vector2::new(0.308, 0.294), -0.02);
-        for (radius_m, psi_rad) in [
-            (0.05, 0.6),
-            (0.08, 1.5),
-            (0.07, 3.5),
-            (0.045, 4.7),
-            (0.084, 5.9),
-        ] {
+        for (radius_m, psi_rad) in [(0.05, 0.6), (0.08, 1.5), (0.07, 3.5), (0.045, 4.7), (0.084, 5.9)] {
             let holed = part(radius_m, psi_rad, 0);
             let image = picture(&scene, &pose, &[holed]);
             let empty = picture(&scene, &pose, &[]);
@@ -257,13 +192,9 @@ mod tests {
             let hole = level(&scene, &image, &pose, centre);
             let face = level(&scene, &image, &pose, rim(0.003_2));
             let floor = level(&scene, &empty, &pose, centre);
-            assert!(
-                hole + 50.0 < face && face + 20.0 < floor,
-                "{hole} {face} {floor} at ψ = {psi_rad}"
-            );
+            assert!(hole + 50.0 < face && face + 20.0 < floor, "{hole} {face} {floor} at ψ = {psi_rad}");
             let beside = rim(-0.009);
-            let change =
-                level(&scene, &image, &pose, beside) - level(&scene, &empty, &pose, beside);
+            let change = level(&scene, &image, &pose, beside) - level(&scene, &empty, &pose, beside);
             assert!(change.abs() < 2.0, "{change}");
         }
     }
@@ -279,8 +210,7 @@ mod tests {
             for (dx, dy) in (-9..=9).flat_map(|dx| (-9..=9).map(move |dy| (dx, dy))) {
                 let offset = Vector2::new(f64::from(dx), f64::from(dy)) * 0.000_5;
                 if offset.norm() < 0.004_7 {
-                    let place =
-                        Point3::new(view.x_m + offset.x, view.y_m + offset.y, view.z_m + 0.003);
+                    let place = Point3::new(view.x_m + offset.x, view.y_m + offset.y, view.z_m + 0.003);
                     sum += level(&scene, &image, &pose, place);
                     count += 1.0;
                 }
@@ -298,13 +228,9 @@ mod tests {
         let pose = Isometry2::new(Vector2::new(0.36, 0.3), 0.0);
         let empty = picture(&scene, &pose, &[]);
         let inside_hub = Point3::new(0.027, 0.0, scene.tray.geometry.rise_m + scene.tray.lip_m);
-        let behind = PartView {
-            z_m: 0.0,
-            ..part(0.033, 0.05, 0)
-        };
+        let behind = PartView { z_m: 0.0, ..part(0.033, 0.05, 0) };
         let image = picture(&scene, &pose, &[behind]);
-        let change =
-            level(&scene, &image, &pose, inside_hub) - level(&scene, &empty, &pose, inside_hub);
+        let change = level(&scene, &image, &pose, inside_hub) - level(&scene, &empty, &pose, inside_hub);
         assert!(change.abs() < 1e-9, "{change}");
         assert_ne!(image, empty);
     }
@@ -316,18 +242,10 @@ mod tests {
         let image = picture(&scene, &pose, &[]);
         let at = |psi_rad: f64| {
             let z_m = scene.tray.geometry.height_m(psi_rad);
-            level(
-                &scene,
-                &image,
-                &pose,
-                Point3::new(0.06 * psi_rad.cos(), 0.06 * psi_rad.sin(), z_m),
-            )
+            level(&scene, &image, &pose, Point3::new(0.06 * psi_rad.cos(), 0.06 * psi_rad.sin(), z_m))
         };
         let (plateau, foot) = (at(std::f64::consts::TAU - 0.05), at(0.08));
-        assert!(
-            plateau > 1.2 * foot,
-            "plateau {plateau}, foot of the ramp {foot}"
-        );
+        assert!(plateau > 1.2 * foot, "plateau {plateau}, foot of the ramp {foot}");
         // At ψ = 90° the ramp leans towards x: a lamp standing there makes it brighter than one opposite, the plateau not.
         let lit_from = |azimuth_rad: f64, psi_rad: f64| {
             let mut scene = scene.clone();
@@ -337,8 +255,7 @@ mod tests {
             let place = Point3::new(0.06 * psi_rad.cos(), 0.06 * psi_rad.sin(), z_m);
             level(&scene, &image, &pose, place)
         };
-        let change =
-            |psi_rad: f64| lit_from(0.0, psi_rad) - lit_from(std::f64::consts::PI, psi_rad);
+        let change = |psi_rad: f64| lit_from(0.0, psi_rad) - lit_from(std::f64::consts::PI, psi_rad);
         assert!(change(std::f64::consts::FRAC_PI_2) > 3.0);
         assert!(change(-std::f64::consts::FRAC_PI_2).abs() < 1.0);
     }
@@ -346,16 +263,9 @@ mod tests {
     #[test]
     fn a_mark_turns_with_the_part() {
         let mut scene = scene(0.0);
-        scene.part.faces[0].mark = Some(FaceMark {
-            offset_ratio: 0.65,
-            radius_ratio: 0.18,
-            reflectance: 0.9,
-        });
+        scene.part.faces[0].mark = Some(FaceMark { offset_ratio: 0.65, radius_ratio: 0.18, reflectance: 0.9 });
         let pose = Isometry2::new(Vector2::new(0.3, 0.3), 0.3);
-        let view = PartView {
-            yaw_rad: 1.1,
-            ..part(0.06, 4.5, 0)
-        };
+        let view = PartView { yaw_rad: 1.1, ..part(0.06, 4.5, 0) };
         let image = picture(&scene, &pose, &[view]);
         let at = |yaw_rad: f64| {
             let offset = Point2::new(yaw_rad.cos(), yaw_rad.sin()) * (0.65 * 0.005);
@@ -369,15 +279,9 @@ mod tests {
     fn bad_scenes_and_parts_are_refused_by_name() {
         let mut low = scene(2.0);
         low.tray.floor_height_m = 0.4;
-        assert_eq!(
-            Renderer::new(&low).unwrap_err().field,
-            "camera.pose.height_m"
-        );
+        assert_eq!(Renderer::new(&low).unwrap_err().field, "camera.pose.height_m");
         let mut noisy = scene(f64::NAN);
-        assert_eq!(
-            Renderer::new(&noisy).unwrap_err().field,
-            "sensor.noise_sigma_levels"
-        );
+        assert_eq!(Renderer::new(&noisy).unwrap_err().field, "sensor.noise_sigma_levels");
         noisy.sensor.noise_sigma_levels = 2.0;
         noisy.part.faces.clear();
         assert_eq!(Renderer::new(&noisy).unwrap_err().field, "part.faces");
@@ -388,22 +292,8 @@ mod tests {
             renderer.render(&pose, &[view], &mut Pcg64Mcg::seed_from_u64(1), &mut image)
         };
         assert_eq!(shoot(part(0.06, 4.0, 2)).unwrap_err().field, "part.pose");
-        assert_eq!(
-            shoot(PartView {
-                x_m: f64::NAN,
-                ..part(0.06, 4.0, 0)
-            })
-            .unwrap_err()
-            .field,
-            "part.x_m"
-        );
+        assert_eq!(shoot(PartView { x_m: f64::NAN, ..part(0.06, 4.0, 0) }).unwrap_err().field, "part.x_m");
         // Out of view is no error.
-        assert_eq!(
-            shoot(PartView {
-                x_m: 3.0,
-                ..part(0.06, 4.0, 0)
-            }),
-            Ok(())
-        );
+        assert_eq!(shoot(PartView { x_m: 3.0, ..part(0.06, 4.0, 0) }), Ok(()));
     }
 }

@@ -57,32 +57,12 @@ impl MountedTray {
     pub fn validate(&self) -> Result<(), InvalidValue> {
         let g = self.geometry;
         let outer_ok = g.outer_radius_m > 0.0 && g.outer_radius_m <= 10.0;
-        require(
-            outer_ok,
-            "tray.outer_radius_m",
-            g.outer_radius_m,
-            "above 0 up to 10 m",
-        )?;
+        require(outer_ok, "tray.outer_radius_m", g.outer_radius_m, "above 0 up to 10 m")?;
         let inner_ok = g.inner_radius_m > 0.0 && g.inner_radius_m < g.outer_radius_m;
-        require(
-            inner_ok,
-            "tray.inner_radius_m",
-            g.inner_radius_m,
-            "above 0, below tray.outer_radius_m",
-        )?;
-        require(
-            (0.0..=1.0).contains(&g.rise_m),
-            "tray.rise_m",
-            g.rise_m,
-            "0 to 1 m",
-        )?;
+        require(inner_ok, "tray.inner_radius_m", g.inner_radius_m, "above 0, below tray.outer_radius_m")?;
+        require((0.0..=1.0).contains(&g.rise_m), "tray.rise_m", g.rise_m, "0 to 1 m")?;
         let ramp_ok = g.ramp_angle_rad > 0.0 && g.ramp_angle_rad < TAU;
-        require(
-            ramp_ok,
-            "tray.ramp_angle_rad",
-            g.ramp_angle_rad,
-            "above 0, below 2π rad",
-        )?;
+        require(ramp_ok, "tray.ramp_angle_rad", g.ramp_angle_rad, "above 0, below 2π rad")?;
         for (field, value) in [
             ("tray.floor_height_m", self.floor_height_m),
             ("tray.lip_m", self.lip_m),
@@ -172,12 +152,7 @@ impl TrayAppearance {
             require((0.0..=1.0).contains(&value), field, value, "0 to 1")?;
         }
         let pitch_ok = (1e-4..=0.1).contains(&self.tooth_pitch_m);
-        require(
-            pitch_ok,
-            "tray.tooth_pitch_m",
-            self.tooth_pitch_m,
-            "1e-4 to 0.1 m",
-        )
+        require(pitch_ok, "tray.tooth_pitch_m", self.tooth_pitch_m, "1e-4 to 0.1 m")
     }
 }
 
@@ -207,13 +182,7 @@ mod tests {
         assert_eq!(tray.validate(), Ok(()));
         tray.geometry.inner_radius_m = 0.1;
         assert_eq!(tray.validate().unwrap_err().field, "tray.inner_radius_m");
-        let dark = TrayAppearance {
-            surface_reflectance: -0.1,
-            ..TrayAppearance::default()
-        };
-        assert_eq!(
-            dark.validate().unwrap_err().field,
-            "tray.surface_reflectance"
-        );
+        let dark = TrayAppearance { surface_reflectance: -0.1, ..TrayAppearance::default() };
+        assert_eq!(dark.validate().unwrap_err().field, "tray.surface_reflectance");
     }
 }

@@ -4,10 +4,7 @@ use nalgebra::{Isometry2, Point2, Vector2};
 
 use super::light::Shading;
 use super::render::Scene;
-use super::tile::{
-    BODY_SIDE, BORE, HUB_CHAMFER, HUB_SIDE, HUB_TOP, LAYERS, Node, PLATEAU, RAMP, RIM, TILE,
-    WALL_FACE,
-};
+use super::tile::{BODY_SIDE, BORE, HUB_CHAMFER, HUB_SIDE, HUB_TOP, LAYERS, Node, PLATEAU, RAMP, RIM, TILE, WALL_FACE};
 use super::{MountedTray, TrayAppearance, single};
 
 /// Radius of the hub's flat top and of its bore relative to the inner wall's radius.
@@ -52,8 +49,7 @@ impl<'a> TrayPose<'a> {
     pub(super) fn new(scene: &'a Scene, platen_from_tray: &Isometry2<f64>) -> Self {
         let tray = &scene.tray;
         let camera_pose = scene.camera.pose();
-        let eye = platen_from_tray
-            .inverse_transform_point(&Point2::new(camera_pose.x_m, camera_pose.y_m));
+        let eye = platen_from_tray.inverse_transform_point(&Point2::new(camera_pose.x_m, camera_pose.y_m));
         let yaw_rad = platen_from_tray.rotation.angle();
         Self {
             tray,
@@ -77,10 +73,7 @@ impl<'a> TrayPose<'a> {
 
     /// What is seen along `ray` (platen frame) where level white has the grey level `white`.
     pub(super) fn node(&self, ray: Vector2<f32>, white: f32, mottle: &[f32]) -> Node {
-        let ray = Vector2::new(
-            self.cos * ray.x + self.sin * ray.y,
-            self.cos * ray.y - self.sin * ray.x,
-        );
+        let ray = Vector2::new(self.cos * ray.x + self.sin * ray.y, self.cos * ray.y - self.sin * ray.x);
         let at = |height_m: f32| self.eye + ray * (self.eye_height_m - height_m);
         let px_per_m = |height_m: f32| self.focal_length_px / (self.eye_height_m - height_m);
 
@@ -112,76 +105,33 @@ impl<'a> TrayPose<'a> {
         let outward = top / top_radius_m.max(1e-6);
         let cloud = cloudiness(mottle, top);
 
-        set(
-            BODY_SIDE,
-            -beside_m * px_per_m(0.0),
-            look.wall_reflectance,
-            self.shading.on_wall(outward),
-        );
-        set(
-            RIM,
-            (self.body_m - top_radius_m) * top_px_per_m,
-            look.rim_reflectance,
-            cloud,
-        );
+        set(BODY_SIDE, -beside_m * px_per_m(0.0), look.wall_reflectance, self.shading.on_wall(outward));
+        set(RIM, (self.body_m - top_radius_m) * top_px_per_m, look.rim_reflectance, cloud);
         let wall_light = self.shading.on_wall(-outward) + 0.15;
-        set(
-            WALL_FACE,
-            (self.outer_m - top_radius_m) * top_px_per_m,
-            look.wall_reflectance,
-            wall_light,
-        );
+        set(WALL_FACE, (self.outer_m - top_radius_m) * top_px_per_m, look.wall_reflectance, wall_light);
 
         let on_plateau = at(self.plateau_m);
         let ramp_height_m = self.ramp_height_m(at(self.ramp_height_m(on_plateau)));
         let on_ramp = at(ramp_height_m);
         let ramp_inside_m = self.outer_m - on_ramp.norm();
         let ramp_light = self.ramp_light(on_ramp, ramp_height_m) * cloud;
-        set(
-            RAMP,
-            ramp_inside_m * px_per_m(ramp_height_m),
-            look.surface_reflectance,
-            ramp_light,
-        );
+        set(RAMP, ramp_inside_m * px_per_m(ramp_height_m), look.surface_reflectance, ramp_light);
 
         let sector_m = single(self.tray.inside_sector_m(on_plateau.map(f64::from).into()));
         let plateau_inside_m = sector_m.min(self.outer_m - on_plateau.norm());
         let plateau_light = self.floor_light(on_plateau, self.plateau_m, Vector2::zeros()) * cloud;
-        set(
-            PLATEAU,
-            plateau_inside_m * px_per_m(self.plateau_m),
-            look.surface_reflectance,
-            plateau_light,
-        );
+        set(PLATEAU, plateau_inside_m * px_per_m(self.plateau_m), look.surface_reflectance, plateau_light);
 
-        let (beside, beside_height_m) = if sector_m > 0.0 {
-            (on_plateau, self.plateau_m)
-        } else {
-            (on_ramp, ramp_height_m)
-        };
+        let (beside, beside_height_m) =
+            if sector_m > 0.0 { (on_plateau, self.plateau_m) } else { (on_ramp, ramp_height_m) };
         let hub_side_px = (self.inner_m - beside.norm()) * px_per_m(beside_height_m);
-        set(
-            HUB_SIDE,
-            hub_side_px,
-            look.wall_reflectance,
-            self.shading.on_wall(outward),
-        );
+        set(HUB_SIDE, hub_side_px, look.wall_reflectance, self.shading.on_wall(outward));
         let chamfer_light = self.shading.on_slope(-outward, 1.0);
-        set(
-            HUB_CHAMFER,
-            (self.inner_m - top_radius_m) * top_px_per_m,
-            look.rim_reflectance,
-            chamfer_light,
-        );
+        set(HUB_CHAMFER, (self.inner_m - top_radius_m) * top_px_per_m, look.rim_reflectance, chamfer_light);
         let hub_top_px = (self.inner_m * HUB_TOP_RATIO - top_radius_m) * top_px_per_m;
         set(HUB_TOP, hub_top_px, look.rim_reflectance, cloud);
         let bore_light = 0.15 + 0.2 * self.shading.on_wall(-outward);
-        set(
-            BORE,
-            (self.inner_m * BORE_RATIO - top_radius_m) * top_px_per_m,
-            look.wall_reflectance,
-            bore_light,
-        );
+        set(BORE, (self.inner_m * BORE_RATIO - top_radius_m) * top_px_per_m, look.wall_reflectance, bore_light);
         node
     }
 
@@ -189,16 +139,9 @@ impl<'a> TrayPose<'a> {
     fn ramp_height_m(&self, point: Vector2<f32>) -> f32 {
         let seam_rad = 0.5 * (self.ramp_angle_rad + std::f32::consts::TAU);
         let psi_rad = point.y.atan2(point.x);
-        let psi_rad = if psi_rad + std::f32::consts::TAU < seam_rad {
-            psi_rad + std::f32::consts::TAU
-        } else {
-            psi_rad
-        };
-        let psi_rad = if psi_rad > seam_rad {
-            psi_rad - std::f32::consts::TAU
-        } else {
-            psi_rad
-        };
+        let psi_rad =
+            if psi_rad + std::f32::consts::TAU < seam_rad { psi_rad + std::f32::consts::TAU } else { psi_rad };
+        let psi_rad = if psi_rad > seam_rad { psi_rad - std::f32::consts::TAU } else { psi_rad };
         self.floor_m + (psi_rad.min(self.ramp_angle_rad)) * self.pitch_m_per_rad
     }
 
@@ -214,9 +157,7 @@ impl<'a> TrayPose<'a> {
         let shadow_m = drop_m * (-self.shading.toward_lamp.y).max(0.0);
         let lit = ((point.y - shadow_m) / (0.3 * shadow_m + 0.001) + 0.5).clamp(0.0, 1.0);
         let lamp = 1.0 - self.shading.diffuse();
-        light
-            * (1.0 - DROP_OFF_LOSS * fading(point.y, 0.4 * drop_m + 0.001))
-            * (1.0 - lamp * (1.0 - lit))
+        light * (1.0 - DROP_OFF_LOSS * fading(point.y, 0.4 * drop_m + 0.001)) * (1.0 - lamp * (1.0 - lit))
     }
 
     /// Brightness of a running surface with slope `gradient`: corners at both walls, and the outer wall's soft shadow.
@@ -227,11 +168,7 @@ impl<'a> TrayPose<'a> {
         let to_outer_m = self.outer_m - radius_m;
         let to_inner_m = radius_m - self.inner_m;
         let reach_m = wall_m * outward.dot(&self.shading.toward_lamp);
-        let shade_m = if reach_m > 0.0 {
-            reach_m - to_outer_m
-        } else {
-            -reach_m - to_inner_m
-        };
+        let shade_m = if reach_m > 0.0 { reach_m - to_outer_m } else { -reach_m - to_inner_m };
         let lit = (0.5 - shade_m / (0.6 * reach_m.abs() + 0.003)).clamp(0.0, 1.0);
         let depth_m = CORNER_DEPTH_M + 0.3 * wall_m;
         let corners = fading(to_outer_m, depth_m) + fading(to_inner_m, depth_m);
@@ -250,11 +187,7 @@ fn cloudiness(mottle: &[f32], point: Vector2<f32>) -> f32 {
     let cell = |x: f32| {
         let place = x / MOTTLE_CELL_M + (MOTTLE_CELLS / 2) as f32;
         let place = place.clamp(0.0, MOTTLE_CELLS as f32 - 1.001);
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "clamped to the table"
-        )]
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the table")]
         let index = place as usize;
         (index, place - index as f32)
     };

@@ -76,19 +76,10 @@ struct Blend {
 }
 
 /// Paints the tile that starts at `column` of a band of at most `TILE` rows.
-pub(super) fn paint_tile(
-    corners: [&Node; 4],
-    column: usize,
-    width: usize,
-    platen: &[u8],
-    pixels: &mut [u8],
-) {
+pub(super) fn paint_tile(corners: [&Node; 4], column: usize, width: usize, platen: &[u8], pixels: &mut [u8]) {
     let extent = |layer: usize| {
         let inside = corners.map(|node| node.inside_px[layer]);
-        (
-            inside.into_iter().fold(f32::INFINITY, f32::min),
-            inside.into_iter().fold(f32::NEG_INFINITY, f32::max),
-        )
+        (inside.into_iter().fold(f32::INFINITY, f32::min), inside.into_iter().fold(f32::NEG_INFINITY, f32::max))
     };
     let extents: [(f32, f32); LAYERS] = std::array::from_fn(extent);
     // The topmost layer that covers the whole tile hides all below it.
@@ -96,14 +87,10 @@ pub(super) fn paint_tile(
     let grey = |layer: usize| Ramp::new(corners.map(|node| node.grey[layer]));
     let base_grey = base.map(grey);
     let platen_light = Ramp::new(corners.map(|node| node.platen_light));
-    let (top_x, top_y) = (
-        Ramp::new(corners.map(|node| node.top_px.x)),
-        Ramp::new(corners.map(|node| node.top_px.y)),
-    );
+    let (top_x, top_y) = (Ramp::new(corners.map(|node| node.top_px.x)), Ramp::new(corners.map(|node| node.top_px.y)));
     let blend = |layer: usize| Blend {
         inside_px: Ramp::new(corners.map(|node| node.inside_px[layer])),
-        radius_px: (layer >= HUB_CHAMFER)
-            .then(|| corners[0].inside_px[layer] + corners[0].top_px.norm()),
+        radius_px: (layer >= HUB_CHAMFER).then(|| corners[0].inside_px[layer] + corners[0].top_px.norm()),
         grey: grey(layer),
     };
     let mut blends = [const { None }; LAYERS];
@@ -114,36 +101,26 @@ pub(super) fn paint_tile(
         }
     }
     let columns = column..(column + TILE).min(width);
-    for (row, (pixels, platen)) in pixels
-        .chunks_mut(width)
-        .zip(platen.chunks(width))
-        .enumerate()
-    {
+    for (row, (pixels, platen)) in pixels.chunks_mut(width).zip(platen.chunks(width)).enumerate() {
         let (pixels, platen) = (&mut pixels[columns.clone()], &platen[columns.clone()]);
         let mut values = match base_grey {
             Some(base_grey) => base_grey.row(row),
             None => {
-                let bare = platen.first_chunk::<TILE>().copied().unwrap_or_else(|| {
-                    std::array::from_fn(|column| platen.get(column).copied().unwrap_or_default())
-                });
+                let bare = platen
+                    .first_chunk::<TILE>()
+                    .copied()
+                    .unwrap_or_else(|| std::array::from_fn(|column| platen.get(column).copied().unwrap_or_default()));
                 let light = platen_light.row(row);
                 std::array::from_fn(|column| f32::from(bare[column]) * light[column])
             }
         };
-        for Blend {
-            inside_px,
-            radius_px,
-            grey,
-        } in blends.iter().flatten()
-        {
+        for Blend { inside_px, radius_px, grey } in blends.iter().flatten() {
             let (mut inside, grey) = (inside_px.row(row), grey.row(row));
             if let Some(radius_px) = radius_px {
                 let (x, y) = (top_x.row(row), top_y.row(row));
                 inside = std::array::from_fn(|i| radius_px - (x[i] * x[i] + y[i] * y[i]).sqrt());
             }
-            values = std::array::from_fn(|i| {
-                values[i] + (inside[i] + 0.5).clamp(0.0, 1.0) * (grey[i] - values[i])
-            });
+            values = std::array::from_fn(|i| values[i] + (inside[i] + 0.5).clamp(0.0, 1.0) * (grey[i] - values[i]));
         }
         let levels = values.map(grey_level);
         match pixels.first_chunk_mut::<TILE>() {

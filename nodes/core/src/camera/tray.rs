@@ -38,36 +38,16 @@ impl TrayPainter {
             let place = |index: usize| (index * TILE) as f64;
             let pixel = Point2::new(place(node % node_columns), place(node / node_columns));
             // Lattice points beyond the border may lie where the lens cannot be undone; the border's ray serves them.
-            let border = Point2::new(
-                pixel.x.min((width - 1) as f64),
-                pixel.y.min((height - 1) as f64),
-            );
-            let ray = camera
-                .ray(pixel)
-                .or_else(|| camera.ray(border))
-                .unwrap_or_default();
+            let border = Point2::new(pixel.x.min((width - 1) as f64), pixel.y.min((height - 1) as f64));
+            let ray = camera.ray(pixel).or_else(|| camera.ray(border)).unwrap_or_default();
             rays.push(ray.map(single));
-            white.push(scene.light.white_at(
-                pixel.x,
-                pixel.y,
-                camera.width_px(),
-                camera.height_px(),
-            ));
+            white.push(scene.light.white_at(pixel.x, pixel.y, camera.width_px(), camera.height_px()));
         }
         let mut generator = Pcg64Mcg::seed_from_u64(0x7472_6179);
         let amplitude = single(scene.tray_appearance.mottling_ratio);
-        let mottle = (0..MOTTLE_CELLS * MOTTLE_CELLS)
-            .map(|_| 1.0 + amplitude * generator.random_range(-1.0..1.0))
-            .collect();
-        Self {
-            scene: scene.clone(),
-            width,
-            node_columns,
-            rays,
-            white,
-            platen: bare_platen(scene),
-            mottle,
-        }
+        let mottle =
+            (0..MOTTLE_CELLS * MOTTLE_CELLS).map(|_| 1.0 + amplitude * generator.random_range(-1.0..1.0)).collect();
+        Self { scene: scene.clone(), width, node_columns, rays, white, platen: bare_platen(scene), mottle }
     }
 
     /// Paints platen and tray over the whole picture.
@@ -82,18 +62,11 @@ impl TrayPainter {
                 .collect::<Vec<_>>()
         };
         let mut upper = node_row(0);
-        let bands = pixels
-            .chunks_mut(self.width * TILE)
-            .zip(self.platen.chunks(self.width * TILE));
+        let bands = pixels.chunks_mut(self.width * TILE).zip(self.platen.chunks(self.width * TILE));
         for (band, (pixels, platen)) in bands.enumerate() {
             let lower = node_row(band + 1);
             for tile in 0..self.node_columns - 1 {
-                let corners = [
-                    &upper[tile],
-                    &upper[tile + 1],
-                    &lower[tile],
-                    &lower[tile + 1],
-                ];
+                let corners = [&upper[tile], &upper[tile + 1], &lower[tile], &lower[tile + 1]];
                 paint_tile(corners, tile * TILE, self.width, platen, pixels);
             }
             upper = lower;
@@ -118,11 +91,8 @@ fn bare_platen(scene: &Scene) -> Vec<u8> {
         let (row, column) = (f64::from(row), f64::from(column));
         let seen = camera.back_project(Point2::new(column, row), 0.0);
         let teeth = seen.map_or(0.0, |point| teeth_at(point.x) * teeth_at(point.y));
-        let reflectance =
-            look.platen_reflectance + teeth * (look.tooth_reflectance - look.platen_reflectance);
-        pixels.push(grey_level(
-            single(reflectance) * scene.light.white_at(column, row, width, height),
-        ));
+        let reflectance = look.platen_reflectance + teeth * (look.tooth_reflectance - look.platen_reflectance);
+        pixels.push(grey_level(single(reflectance) * scene.light.white_at(column, row, width, height)));
     }
     pixels
 }
@@ -130,20 +100,14 @@ fn bare_platen(scene: &Scene) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::super::{
-        CameraModel, CameraPose, CameraSpec, LightModel, MountedTray, PartAppearance, SensorModel,
-        TrayAppearance,
+        CameraModel, CameraPose, CameraSpec, LightModel, MountedTray, PartAppearance, SensorModel, TrayAppearance,
     };
     use super::*;
     use crate::tray::TrayGeometry;
 
     #[test]
     fn verif_interpolated_picture_against_the_exact_one() {
-        let pose = CameraPose {
-            x_m: 0.3,
-            y_m: 0.3,
-            height_m: 0.6,
-            yaw_rad: 0.2,
-        };
+        let pose = CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.2 };
         let scene = Scene {
             camera: CameraModel::new(CameraSpec {
                 width_px: 640,
@@ -151,10 +115,7 @@ mod tests {
                 focal_length_px: None,
                 platen_m_per_px: Some(0.000_45),
                 principal_point_px: None,
-                distortion: super::super::Distortion {
-                    k1: -0.1,
-                    ..Default::default()
-                },
+                distortion: super::super::Distortion { k1: -0.1, ..Default::default() },
                 pose,
             })
             .unwrap(),
@@ -172,31 +133,18 @@ mod tests {
         let (mut count, mut off) = (0, 0);
         for index in (0..pixels.len()).step_by(13) {
             let (column, row) = ((index % 640) as f64, (index / 640) as f64);
-            let ray = scene
-                .camera
-                .ray(Point2::new(column, row))
-                .unwrap()
-                .map(single);
-            let node = tray_pose.node(
-                ray,
-                scene.light.white_at(column, row, 640, 480),
-                &painter.mottle,
-            );
+            let ray = scene.camera.ray(Point2::new(column, row)).unwrap().map(single);
+            let node = tray_pose.node(ray, scene.light.white_at(column, row, 640, 480), &painter.mottle);
             let bare = f32::from(painter.platen[index]) * node.platen_light;
             let exact = node
                 .inside_px
                 .iter()
                 .zip(node.grey)
-                .fold(bare, |value, (inside, grey)| {
-                    value + (inside + 0.5).clamp(0.0, 1.0) * (grey - value)
-                });
+                .fold(bare, |value, (inside, grey)| value + (inside + 0.5).clamp(0.0, 1.0) * (grey - value));
             count += 1;
             off += u32::from((exact - f32::from(pixels[index])).abs() > 3.0);
         }
         // Outlines fill some 3 % of the picture and are up to 0.1 px off there, which is 10 levels where they are hard.
-        assert!(
-            f64::from(off) < 0.02 * f64::from(count),
-            "{off} of {count} pixels off by more than 3 levels"
-        );
+        assert!(f64::from(off) < 0.02 * f64::from(count), "{off} of {count} pixels off by more than 3 levels");
     }
 }

@@ -43,13 +43,7 @@ impl PartState {
     /// A part at rest on the tray.
     #[must_use]
     pub fn at_rest(radius_m: f64, angle_rad: f64) -> Self {
-        Self {
-            radius_m,
-            angle_rad: angle_rad.rem_euclid(TAU),
-            outward_m_s: 0.0,
-            along_m_s: 0.0,
-            sticking: true,
-        }
+        Self { radius_m, angle_rad: angle_rad.rem_euclid(TAU), outward_m_s: 0.0, along_m_s: 0.0, sticking: true }
     }
 }
 
@@ -84,17 +78,8 @@ impl AnnularTrack {
     /// # Errors
     ///
     /// If gravity is not positive, or the tray is not one: 0 < inner < outer radius, rise not negative, 0 < Θ ≤ 2π.
-    pub fn new(
-        tray: TrayGeometry,
-        friction: Friction,
-        gravity_m_s2: f64,
-    ) -> Result<Self, OutOfRange> {
-        let TrayGeometry {
-            outer_radius_m,
-            inner_radius_m,
-            rise_m,
-            ramp_angle_rad,
-        } = tray;
+    pub fn new(tray: TrayGeometry, friction: Friction, gravity_m_s2: f64) -> Result<Self, OutOfRange> {
+        let TrayGeometry { outer_radius_m, inner_radius_m, rise_m, ramp_angle_rad } = tray;
         OutOfRange::unless_positive("inner_radius_m", inner_radius_m)?;
         OutOfRange::unless(
             outer_radius_m > inner_radius_m,
@@ -110,21 +95,12 @@ impl AnnularTrack {
             "0 < ramp_angle_rad ≤ 2π",
         )?;
         check_slope(0.0, gravity_m_s2)?;
-        Ok(Self {
-            tray,
-            pitch_m_per_rad: tray.pitch_m_per_rad(),
-            friction,
-            gravity_m_s2,
-        })
+        Ok(Self { tray, pitch_m_per_rad: tray.pitch_m_per_rad(), friction, gravity_m_s2 })
     }
 
     /// The same tray with its walls out of the way, for motion at a radius held fixed.
     pub(crate) fn without_walls(&self) -> Self {
-        let tray = TrayGeometry {
-            inner_radius_m: 0.0,
-            outer_radius_m: f64::INFINITY,
-            ..self.tray
-        };
+        let tray = TrayGeometry { inner_radius_m: 0.0, outer_radius_m: f64::INFINITY, ..self.tray };
         Self { tray, ..*self }
     }
 
@@ -134,11 +110,7 @@ impl AnnularTrack {
     ///
     /// If it does not lie between the walls.
     pub fn check_radius(&self, radius_m: f64) -> Result<f64, OutOfRange> {
-        let TrayGeometry {
-            inner_radius_m,
-            outer_radius_m,
-            ..
-        } = self.tray;
+        let TrayGeometry { inner_radius_m, outer_radius_m, .. } = self.tray;
         OutOfRange::unless(
             radius_m >= inner_radius_m && radius_m <= outer_radius_m,
             "radius_m",
@@ -171,11 +143,7 @@ impl AnnularTrack {
     /// is taken to slide without friction until it is touched again.
     pub fn step(&self, part: &mut PartState, motion: &MotionSample, sample_s: f64) -> Encounter {
         let r = part.radius_m;
-        let pitch = if part.angle_rad < self.tray.ramp_angle_rad {
-            self.pitch_m_per_rad
-        } else {
-            0.0
-        };
+        let pitch = if part.angle_rad < self.tray.ramp_angle_rad { self.pitch_m_per_rad } else { 0.0 };
         let helix = (r * r + pitch * pitch).sqrt();
         let (sin, cos) = (pitch / helix, r / helix);
 
@@ -189,13 +157,7 @@ impl AnnularTrack {
         self.meet_walls(part)
     }
 
-    fn forces(
-        &self,
-        part: &PartState,
-        motion: &MotionSample,
-        sample_s: f64,
-        (sin, cos): (f64, f64),
-    ) -> Forces {
+    fn forces(&self, part: &PartState, motion: &MotionSample, sample_s: f64, (sin, cos): (f64, f64)) -> Forces {
         let (r, outward, along) = (part.radius_m, part.outward_m_s, part.along_m_s);
         let (a, g) = (&motion.acceleration, self.gravity_m_s2);
         let (centre_outward, centre_along) = if a.x == 0.0 && a.y == 0.0 {
@@ -275,11 +237,7 @@ struct Slide {
 /// as in one dimension. Otherwise friction acts against the final direction, which is stable for any step and exact on
 /// a line.
 fn slide(velocity_m_s: [f64; 2], forces: Forces, duration_s: f64) -> Slide {
-    let Forces {
-        drive_m_s2: d,
-        sliding_m_s2,
-        at_rest_m_s2,
-    } = forces;
+    let Forces { drive_m_s2: d, sliding_m_s2, at_rest_m_s2 } = forces;
     let mut w = velocity_m_s;
     let mut left_s = duration_s;
     let mut displacement_m = [0.0; 2];
@@ -292,41 +250,23 @@ fn slide(velocity_m_s: [f64; 2], forces: Forces, duration_s: f64) -> Slide {
         if brake * left_s > speed {
             let stop_s = speed / brake;
             // What drives across the heading has had its way meanwhile.
-            let end = [
-                (d[0] - along * heading[0]) * stop_s,
-                (d[1] - along * heading[1]) * stop_s,
-            ];
-            displacement_m = [
-                (w[0] + end[0]) / 2.0 * stop_s,
-                (w[1] + end[1]) / 2.0 * stop_s,
-            ];
+            let end = [(d[0] - along * heading[0]) * stop_s, (d[1] - along * heading[1]) * stop_s];
+            displacement_m = [(w[0] + end[0]) / 2.0 * stop_s, (w[1] + end[1]) / 2.0 * stop_s];
             left_s -= stop_s;
             w = end;
             stopped = true;
         }
     }
     if stopped && norm(d) <= at_rest_m_s2 {
-        return Slide {
-            velocity_m_s: [0.0; 2],
-            displacement_m,
-            at_rest: true,
-        };
+        return Slide { velocity_m_s: [0.0; 2], displacement_m, at_rest: true };
     }
     let free = [w[0] + d[0] * left_s, w[1] + d[1] * left_s];
     let free_speed = norm(free);
-    let kept = if free_speed > 0.0 {
-        (1.0 - sliding_m_s2 * left_s / free_speed).max(0.0)
-    } else {
-        0.0
-    };
+    let kept = if free_speed > 0.0 { (1.0 - sliding_m_s2 * left_s / free_speed).max(0.0) } else { 0.0 };
     let end = [free[0] * kept, free[1] * kept];
     displacement_m[0] += (w[0] + end[0]) / 2.0 * left_s;
     displacement_m[1] += (w[1] + end[1]) / 2.0 * left_s;
-    Slide {
-        velocity_m_s: end,
-        displacement_m,
-        at_rest: false,
-    }
+    Slide { velocity_m_s: end, displacement_m, at_rest: false }
 }
 
 fn norm(v: [f64; 2]) -> f64 {
@@ -339,11 +279,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn forces(drive_m_s2: [f64; 2], sliding_m_s2: f64, at_rest_m_s2: f64) -> Forces {
-        Forces {
-            drive_m_s2,
-            sliding_m_s2,
-            at_rest_m_s2,
-        }
+        Forces { drive_m_s2, sliding_m_s2, at_rest_m_s2 }
     }
 
     #[test]

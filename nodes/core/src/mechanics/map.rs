@@ -63,12 +63,8 @@ impl<'a> TrayMap<'a> {
     /// If the radius is off the tray, or the part leaves the surface.
     pub fn drive(&self, radius_m: f64, surface: Surface) -> Result<Drive, MechanicsError> {
         self.track.check_radius(radius_m)?;
-        Track::new(
-            self.track.friction(),
-            self.slope_rad(radius_m, surface),
-            self.track.gravity_m_s2(),
-        )?
-        .drive(self.waveform, radius_m)
+        Track::new(self.track.friction(), self.slope_rad(radius_m, surface), self.track.gravity_m_s2())?
+            .drive(self.waveform, radius_m)
     }
 
     /// Steady travel at a radius.
@@ -78,21 +74,13 @@ impl<'a> TrayMap<'a> {
     /// If the radius is off the tray, or the part leaves the surface.
     pub fn at(&self, radius_m: f64) -> Result<RadiusFeed, MechanicsError> {
         let feed = |surface| -> Result<Option<SurfaceFeed>, MechanicsError> {
-            Ok(self
-                .drive(radius_m, surface)?
-                .steady()
-                .map(|steady| SurfaceFeed {
-                    rate_rad_s: steady.feed_m_s * self.slope_rad(radius_m, surface).cos()
-                        / radius_m,
-                    radial_drift_m_s: self.radial_drift_m_s(radius_m, surface, &steady),
-                    steady,
-                }))
+            Ok(self.drive(radius_m, surface)?.steady().map(|steady| SurfaceFeed {
+                rate_rad_s: steady.feed_m_s * self.slope_rad(radius_m, surface).cos() / radius_m,
+                radial_drift_m_s: self.radial_drift_m_s(radius_m, surface, &steady),
+                steady,
+            }))
         };
-        Ok(RadiusFeed {
-            radius_m,
-            ramp: feed(Surface::Ramp)?,
-            plateau: feed(Surface::Plateau)?,
-        })
+        Ok(RadiusFeed { radius_m, ramp: feed(Surface::Ramp)?, plateau: feed(Surface::Plateau)? })
     }
 
     /// The outermost radius at which the feed on the ramp changes between climbing and not climbing; `None` if there is
@@ -105,15 +93,9 @@ impl<'a> TrayMap<'a> {
         // Feeds below this are rounding: a part that never slips has none at all.
         const STANDSTILL_M_S: f64 = 1e-12;
         let climbs = |radius_m: f64| -> Result<bool, MechanicsError> {
-            Ok(self
-                .drive(radius_m, Surface::Ramp)?
-                .steady()
-                .is_some_and(|steady| steady.feed_m_s > STANDSTILL_M_S))
+            Ok(self.drive(radius_m, Surface::Ramp)?.steady().is_some_and(|steady| steady.feed_m_s > STANDSTILL_M_S))
         };
-        let (inner, outer) = (
-            self.track.tray().inner_radius_m,
-            self.track.tray().outer_radius_m,
-        );
+        let (inner, outer) = (self.track.tray().inner_radius_m, self.track.tray().outer_radius_m);
         let climbs_outside = climbs(outer)?;
         let mut beyond = outer;
         for i in (0..SCAN_RADII).rev() {
@@ -153,10 +135,7 @@ impl<'a> TrayMap<'a> {
             Surface::Plateau => f64::midpoint(tray.ramp_angle_rad, std::f64::consts::TAU),
         };
         let track = self.track.without_walls();
-        let mut part = PartState {
-            along_m_s: steady.start_m_s,
-            ..PartState::at_rest(radius_m, angle_rad)
-        };
+        let mut part = PartState { along_m_s: steady.start_m_s, ..PartState::at_rest(radius_m, angle_rad) };
         let samples = self.waveform.samples(DRIFT_SAMPLES);
         let mut last_m = f64::NAN;
         for _ in 0..DRIFT_PERIODS_MAX {

@@ -44,10 +44,7 @@ impl TryFrom<Coefficients> for Friction {
 
 impl From<Friction> for Coefficients {
     fn from(friction: Friction) -> Self {
-        Self {
-            at_rest: friction.at_rest,
-            kinetic: friction.sliding,
-        }
+        Self { at_rest: friction.at_rest, kinetic: friction.sliding }
     }
 }
 
@@ -65,10 +62,7 @@ impl Friction {
             static_coefficient,
             format_args!("at least the kinetic friction, {kinetic_coefficient}, and finite"),
         )?;
-        Ok(Self {
-            at_rest: static_coefficient,
-            sliding: kinetic_coefficient,
-        })
+        Ok(Self { at_rest: static_coefficient, sliding: kinetic_coefficient })
     }
 
     /// The paper's friction, one coefficient μ for rest and sliding.
@@ -122,12 +116,7 @@ pub enum MechanicsError {
 /// Checks gravity and a slope of less than 90° either way.
 pub(crate) fn check_slope(slope_rad: f64, gravity_m_s2: f64) -> Result<(), OutOfRange> {
     OutOfRange::unless_positive("gravity_m_s2", gravity_m_s2)?;
-    OutOfRange::unless(
-        slope_rad.abs() < FRAC_PI_2,
-        "slope_rad",
-        slope_rad,
-        "within ±π/2 (90°)",
-    )?;
+    OutOfRange::unless(slope_rad.abs() < FRAC_PI_2, "slope_rad", slope_rad, "within ±π/2 (90°)")?;
     Ok(())
 }
 
@@ -137,12 +126,9 @@ mod tests {
 
     #[test]
     fn friction_is_positive_and_static_at_least_kinetic() {
-        for (at_rest, sliding, word) in [
-            (0.1, 0.2, "static"),
-            (0.2, 0.0, "kinetic"),
-            (f64::NAN, 0.2, "static"),
-            (0.2, f64::NAN, "kinetic"),
-        ] {
+        for (at_rest, sliding, word) in
+            [(0.1, 0.2, "static"), (0.2, 0.0, "kinetic"), (f64::NAN, 0.2, "static"), (0.2, f64::NAN, "kinetic")]
+        {
             let text = Friction::new(at_rest, sliding).unwrap_err().to_string();
             assert!(text.starts_with(word) && text.contains("range"), "{text}");
         }

@@ -35,12 +35,7 @@ impl Track {
     pub fn new(friction: Friction, slope_rad: f64, gravity_m_s2: f64) -> Result<Self, OutOfRange> {
         check_slope(slope_rad, gravity_m_s2)?;
         let (sin, cos) = slope_rad.sin_cos();
-        Ok(Self {
-            friction,
-            gravity_m_s2,
-            sin,
-            cos,
-        })
+        Ok(Self { friction, gravity_m_s2, sin, cos })
     }
 
     /// Normal force over weight at horizontal acceleration `a_m_s2`.
@@ -62,17 +57,10 @@ impl Track {
             let acceleration_m_s2 = segment.acceleration * lever;
             let normal_over_weight = self.normal_over_weight(acceleration_m_s2);
             if normal_over_weight < 0.0 {
-                return Err(MechanicsError::LosesContact {
-                    acceleration_m_s2,
-                    normal_over_weight,
-                });
+                return Err(MechanicsError::LosesContact { acceleration_m_s2, normal_over_weight });
             }
             min_normal_over_weight = normal_over_weight.min(min_normal_over_weight);
-            Ok(self.leg(
-                segment.duration_s,
-                acceleration_m_s2,
-                normal_over_weight * self.gravity_m_s2,
-            ))
+            Ok(self.leg(segment.duration_s, acceleration_m_s2, normal_over_weight * self.gravity_m_s2))
         });
         let legs = legs.collect::<Result<Vec<_>, _>>()?;
         Ok(Drive {
@@ -93,12 +81,7 @@ impl Track {
             (false, true) => up,
             (false, false) => down,
         };
-        Leg {
-            duration_s,
-            up,
-            down,
-            from_rest,
-        }
+        Leg { duration_s, up, down, from_rest }
     }
 }
 
@@ -119,32 +102,17 @@ impl Leg {
     pub(super) fn next_phase(&self, w_m_s: f64, left_s: f64) -> Phase {
         if w_m_s == 0.0 {
             let to_m_s = self.from_rest * left_s;
-            return Phase {
-                duration_s: left_s,
-                from_m_s: 0.0,
-                to_m_s,
-                at_rest: self.from_rest == 0.0,
-            };
+            return Phase { duration_s: left_s, from_m_s: 0.0, to_m_s, at_rest: self.from_rest == 0.0 };
         }
         let acceleration = if w_m_s > 0.0 { self.up } else { self.down };
         let to_m_s = w_m_s + acceleration * left_s;
         // Compared one by one: a product of the two could underflow.
         if (w_m_s > 0.0 && to_m_s >= 0.0) || (w_m_s < 0.0 && to_m_s <= 0.0) {
-            return Phase {
-                duration_s: left_s,
-                from_m_s: w_m_s,
-                to_m_s,
-                at_rest: false,
-            };
+            return Phase { duration_s: left_s, from_m_s: w_m_s, to_m_s, at_rest: false };
         }
         // Rounding must not carry the stop beyond the end.
         let duration_s = (-w_m_s / acceleration).min(left_s);
-        Phase {
-            duration_s,
-            from_m_s: w_m_s,
-            to_m_s: 0.0,
-            at_rest: false,
-        }
+        Phase { duration_s, from_m_s: w_m_s, to_m_s: 0.0, at_rest: false }
     }
 }
 
@@ -253,18 +221,10 @@ impl Drive {
     #[must_use]
     pub fn steady(&self) -> Option<Steady> {
         // No part this fast turns round within a period.
-        let fast = self
-            .legs
-            .iter()
-            .map(|leg| leg.duration_s * leg.up.abs().max(leg.down.abs()))
-            .sum::<f64>();
+        let fast = self.legs.iter().map(|leg| leg.duration_s * leg.up.abs().max(leg.down.abs())).sum::<f64>();
         let mut cycles = 1;
         let (mut gain, mut slope) = self.gain(0.0);
-        let (mut low, mut high) = if gain > 0.0 {
-            (0.0, fast)
-        } else {
-            (-fast, 0.0)
-        };
+        let (mut low, mut high) = if gain > 0.0 { (0.0, fast) } else { (-fast, 0.0) };
         if gain != 0.0 {
             cycles += 1;
             if self.gain(fast.copysign(gain)).0 * gain >= 0.0 {
@@ -274,11 +234,7 @@ impl Drive {
         let mut w = 0.0;
         while gain.abs() > 4.0 * f64::EPSILON * fast && high - low > 2.0 * f64::EPSILON * fast {
             let newton = w + gain / (1.0 - slope);
-            w = if newton > low && newton < high {
-                newton
-            } else {
-                f64::midpoint(low, high)
-            };
+            w = if newton > low && newton < high { newton } else { f64::midpoint(low, high) };
             (gain, slope) = self.gain(w);
             if gain > 0.0 {
                 low = w;

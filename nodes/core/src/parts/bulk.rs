@@ -8,9 +8,7 @@ use thiserror::Error;
 use super::contact::{ContactLaw, Contacts};
 use super::placement::{LandingZone, LoadingBand, is_free, random_pose, random_yaw_rad};
 use super::track::Track;
-use super::{
-    BulkError, BulkSettings, MotionError, Part, PartType, PickedPart, Place, motion_check, settings,
-};
+use super::{BulkError, BulkSettings, MotionError, Part, PartType, PickedPart, Place, motion_check, settings};
 use crate::motion::MotionBlock;
 use crate::tray::TrayGeometry;
 
@@ -86,19 +84,11 @@ impl PartBulk {
     ///
     /// # Errors
     /// If the tray's geometry, the part's size or a setting is out of range.
-    pub fn new(
-        tray: TrayGeometry,
-        part: PartType,
-        settings: BulkSettings,
-        seed: u64,
-    ) -> Result<Self, BulkError> {
+    pub fn new(tray: TrayGeometry, part: PartType, settings: BulkSettings, seed: u64) -> Result<Self, BulkError> {
         settings::check_tray(&tray, &part)?;
         settings.check(&tray, &part)?;
         let track = Track::new(&tray, &part, &settings);
-        let law = ContactLaw {
-            restitution: settings.part_restitution,
-            friction: settings.part_friction,
-        };
+        let law = ContactLaw { restitution: settings.part_restitution, friction: settings.part_friction };
         Ok(Self {
             band: LoadingBand::new(tray, &track, &settings),
             landing: LandingZone::new(&settings),
@@ -123,9 +113,7 @@ impl PartBulk {
     pub fn load(&mut self, count: usize) -> Loaded {
         let mut loaded = 0;
         while loaded < count {
-            let free = self
-                .band
-                .find_place(&self.parts, self.part.diameter_m, &mut self.rng);
+            let free = self.band.find_place(&self.parts, self.part.diameter_m, &mut self.rng);
             let Some((place, x_m, y_m)) = free else {
                 break;
             };
@@ -134,10 +122,7 @@ impl PartBulk {
             self.add(place, x_m, y_m, yaw_rad, pose);
             loaded += 1;
         }
-        Loaded {
-            loaded,
-            refused: count - loaded,
-        }
+        Loaded { loaded, refused: count - loaded }
     }
 
     /// Puts one part at rest onto the tray with its centre at radius `radius_m` and angle ψ = `angle_rad`, heading
@@ -145,28 +130,18 @@ impl PartBulk {
     ///
     /// # Errors
     /// If the pose does not exist, or the place is not clear of the walls, the drop-off's face or another part.
-    pub fn put(
-        &mut self,
-        radius_m: f64,
-        angle_rad: f64,
-        yaw_rad: f64,
-        pose: usize,
-    ) -> Result<u32, PutError> {
+    pub fn put(&mut self, radius_m: f64, angle_rad: f64, yaw_rad: f64, pose: usize) -> Result<u32, PutError> {
         let poses = self.part.resting_poses.len();
         if pose >= poses {
             return Err(PutError::NoSuchPose { pose, poses });
         }
         let place = Place::from(self.tray.surface(angle_rad));
         let (x_m, y_m) = (radius_m * angle_rad.cos(), radius_m * angle_rad.sin());
-        let clear = self.track.has_room(place, x_m, y_m)
-            && is_free(&self.parts, x_m, y_m, self.part.diameter_m);
+        let clear = self.track.has_room(place, x_m, y_m) && is_free(&self.parts, x_m, y_m, self.part.diameter_m);
         if clear && yaw_rad.is_finite() {
             Ok(self.add(place, x_m, y_m, yaw_rad, pose))
         } else {
-            Err(PutError::NoRoom {
-                radius_m,
-                angle_rad,
-            })
+            Err(PutError::NoRoom { radius_m, angle_rad })
         }
     }
 
@@ -261,8 +236,7 @@ impl PartBulk {
         // The face of the drop-off may press a part against the outer wall by a rounding error's worth.
         let slack_m = 1e-3 * self.part.diameter_m;
         let inside = self.parts.iter().all(|part| {
-            (self.track.innermost_m - slack_m..=self.track.outermost_m + slack_m)
-                .contains(&part.radius_m())
+            (self.track.innermost_m - slack_m..=self.track.outermost_m + slack_m).contains(&part.radius_m())
         });
         distinct && inside && self.counters.loaded == self.counters.picked + self.parts.len() as u64
     }

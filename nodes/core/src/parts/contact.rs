@@ -51,14 +51,7 @@ struct Sweep {
 
 impl Contacts {
     pub(super) fn new(law: ContactLaw, diameter_m: f64) -> Self {
-        Self {
-            law,
-            diameter_m,
-            order: Vec::new(),
-            near: Vec::new(),
-            touching: Vec::new(),
-            travel_m: f64::INFINITY,
-        }
+        Self { law, diameter_m, order: Vec::new(), near: Vec::new(), touching: Vec::new(), travel_m: f64::INFINITY }
     }
 
     /// Voids the list: parts came, went or changed place.
@@ -105,8 +98,7 @@ impl Contacts {
             parts[behind].squared_distance_m2(other.x_m, other.y_m) < touching_m2
         };
         self.touching.clear();
-        self.touching
-            .extend(self.near.iter().copied().filter(touch));
+        self.touching.extend(self.near.iter().copied().filter(touch));
     }
 
     /// Resolves every touching pair once. Of the way two parts are pushed apart, the one behind takes `share_behind`.
@@ -148,24 +140,15 @@ impl Contacts {
         }
         let reach_m = (1.0 + LIST_MARGIN) * self.diameter_m;
         self.order.clear();
-        let on_surface = parts
-            .iter()
-            .enumerate()
-            .filter(|(_, part)| part.place != Place::Falling);
-        self.order
-            .extend(on_surface.map(|(index, part)| (part.angle_rad(), index)));
-        self.order
-            .sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let on_surface = parts.iter().enumerate().filter(|(_, part)| part.place != Place::Falling);
+        self.order.extend(on_surface.map(|(index, part)| (part.angle_rad(), index)));
+        self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         self.near.clear();
         for (position, &(angle_rad, i)) in self.order.iter().enumerate() {
             // Nothing beyond this angle is within reach. The list does not wrap round at 2π, where the drop-off keeps
             // the parts above from those below.
             let radius_m = parts[i].radius_m();
-            let window_rad = if reach_m < radius_m {
-                (reach_m / radius_m).asin()
-            } else {
-                f64::INFINITY
-            };
+            let window_rad = if reach_m < radius_m { (reach_m / radius_m).asin() } else { f64::INFINITY };
             for &(other_rad, j) in &self.order[position + 1..] {
                 if other_rad - angle_rad > window_rad {
                     break;
@@ -184,20 +167,13 @@ impl Contacts {
 fn line_of_centres(from: &Part, to: &Part) -> ([f64; 2], f64) {
     let apart = [to.x_m - from.x_m, to.y_m - from.y_m];
     let distance_m = (apart[0] * apart[0] + apart[1] * apart[1]).sqrt();
-    let normal = if distance_m > 0.0 {
-        apart.map(|component| component / distance_m)
-    } else {
-        [1.0, 0.0]
-    };
+    let normal = if distance_m > 0.0 { apart.map(|component| component / distance_m) } else { [1.0, 0.0] };
     (normal, distance_m)
 }
 
 /// Impact of two equal masses with friction between them. Returns whether they approached each other.
 fn collide(first: &mut Part, second: &mut Part, normal: [f64; 2], law: ContactLaw) -> bool {
-    let relative = [
-        second.velocity_x_m_s - first.velocity_x_m_s,
-        second.velocity_y_m_s - first.velocity_y_m_s,
-    ];
+    let relative = [second.velocity_x_m_s - first.velocity_x_m_s, second.velocity_y_m_s - first.velocity_y_m_s];
     let approach = -(relative[0] * normal[0] + relative[1] * normal[1]);
     if approach <= 0.0 {
         return false;
@@ -206,10 +182,7 @@ fn collide(first: &mut Part, second: &mut Part, normal: [f64; 2], law: ContactLa
     let impulse = 0.5 * (1.0 + law.restitution) * approach;
     let grip = law.friction * impulse;
     let lost = (0.5 * along).clamp(-grip, grip);
-    let change = [
-        impulse * normal[0] + lost * normal[1],
-        impulse * normal[1] - lost * normal[0],
-    ];
+    let change = [impulse * normal[0] + lost * normal[1], impulse * normal[1] - lost * normal[0]];
     first.velocity_x_m_s -= change[0];
     first.velocity_y_m_s -= change[1];
     second.velocity_x_m_s += change[0];
@@ -225,18 +198,11 @@ mod tests {
     use crate::parts::tests::part_at;
 
     fn law(restitution: f64, friction: f64) -> ContactLaw {
-        ContactLaw {
-            restitution,
-            friction,
-        }
+        ContactLaw { restitution, friction }
     }
 
     fn moving(x_m: f64, y_m: f64, velocity: [f64; 2]) -> Part {
-        Part {
-            velocity_x_m_s: velocity[0],
-            velocity_y_m_s: velocity[1],
-            ..part_at(Place::Plateau, x_m, y_m)
-        }
+        Part { velocity_x_m_s: velocity[0], velocity_y_m_s: velocity[1], ..part_at(Place::Plateau, x_m, y_m) }
     }
 
     #[test]

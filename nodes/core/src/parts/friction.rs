@@ -10,10 +10,7 @@ pub(super) struct Slide {
 }
 
 impl Slide {
-    const REST: Self = Self {
-        velocity: [0.0; 2],
-        displacement: [0.0; 2],
-    };
+    const REST: Self = Self { velocity: [0.0; 2], displacement: [0.0; 2] };
 }
 
 /// Advances a body under Coulomb friction by `step_s`.
@@ -27,13 +24,7 @@ impl Slide {
 /// along the old direction ends, and the static window is tried there. Where all vectors are parallel, the result is
 /// the closed-form solution; else friction acts along the velocity it leaves (backward Euler), so it never does
 /// positive work: the change of kinetic energy minus the work of the drive over the displacement is at most zero.
-pub(super) fn slide(
-    velocity: [f64; 2],
-    drive: [f64; 2],
-    grip_static: f64,
-    grip_kinetic: f64,
-    step_s: f64,
-) -> Slide {
+pub(super) fn slide(velocity: [f64; 2], drive: [f64; 2], grip_static: f64, grip_kinetic: f64, step_s: f64) -> Slide {
     let speed = dot(velocity, velocity).sqrt();
     if speed == 0.0 {
         if dot(drive, drive) <= grip_static * grip_static {
@@ -57,10 +48,7 @@ pub(super) fn slide(
     } else {
         coast(across, drive, grip_kinetic, rest_s)
     };
-    Slide {
-        velocity: after.velocity,
-        displacement: [0, 1].map(|i| before_turn[i] + after.displacement[i]),
-    }
+    Slide { velocity: after.velocity, displacement: [0, 1].map(|i| before_turn[i] + after.displacement[i]) }
 }
 
 /// Kinetic friction against the final velocity, without a turn.
@@ -68,10 +56,7 @@ fn coast(velocity: [f64; 2], drive: [f64; 2], grip_kinetic: f64, step_s: f64) ->
     let free = [0, 1].map(|i| velocity[i] + drive[i] * step_s);
     let kept = (1.0 - grip_kinetic * step_s / norm(free)).max(0.0);
     let end = free.map(|component| component * kept);
-    Slide {
-        velocity: end,
-        displacement: [0, 1].map(|i| 0.5 * (velocity[i] + end[i]) * step_s),
-    }
+    Slide { velocity: end, displacement: [0, 1].map(|i| 0.5 * (velocity[i] + end[i]) * step_s) }
 }
 
 fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
@@ -127,8 +112,7 @@ mod tests {
     fn verif_a_skewed_stop_takes_the_time_of_the_exact_solution() {
         // For a constant drive d below the grip G the exact stopping time is (G |w| + w·d)/(G² − d²).
         let (velocity, drive, grip) = ([0.02, 0.01], [-0.3, 0.7], 2.0);
-        let exact =
-            (grip * norm(velocity) + dot(velocity, drive)) / (grip * grip - dot(drive, drive));
+        let exact = (grip * norm(velocity) + dot(velocity, drive)) / (grip * grip - dot(drive, drive));
         let stopping_time = |step_s: f64| {
             let mut w = velocity;
             let mut time_s = 0.0;

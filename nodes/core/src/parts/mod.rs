@@ -28,8 +28,8 @@ mod track;
 
 pub use bulk::{Counters, Loaded, PartBulk, PutError};
 pub use motion_check::{
-    LARGEST_ACCELERATION_M_S2, LARGEST_YAW_ACCELERATION_RAD_S2, LARGEST_YAW_RATE_RAD_S,
-    LONGEST_SAMPLE_PERIOD_S, MotionError,
+    LARGEST_ACCELERATION_M_S2, LARGEST_YAW_ACCELERATION_RAD_S2, LARGEST_YAW_RATE_RAD_S, LONGEST_SAMPLE_PERIOD_S,
+    MotionError,
 };
 pub use part::{Part, PickedPart, Place};
 pub use part_type::{PartSpec, PartType, PartTypeError, RestingPose};

@@ -20,17 +20,13 @@ pub const LARGEST_YAW_RATE_RAD_S: f64 = 100.0;
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum MotionError {
     /// The sample period is no usable time.
-    #[error(
-        "tray motion: sample_period_s = {value} is outside the allowed range (0, {LONGEST_SAMPLE_PERIOD_S}] s"
-    )]
+    #[error("tray motion: sample_period_s = {value} is outside the allowed range (0, {LONGEST_SAMPLE_PERIOD_S}] s")]
     SamplePeriod {
         /// The value found.
         value: f64,
     },
     /// A component of a sample is not finite or beyond what a tray can do.
-    #[error(
-        "tray motion: samples[{index}].{component} = {value} is outside the allowed range [-{limit}, {limit}]"
-    )]
+    #[error("tray motion: samples[{index}].{component} = {value} is outside the allowed range [-{limit}, {limit}]")]
     Sample {
         /// Index of the sample in its block.
         index: usize,
@@ -62,30 +58,13 @@ fn check_sample(index: usize, sample: &MotionSample) -> Result<(), MotionError> 
         ("velocity.x", sample.velocity.x, f64::MAX),
         ("velocity.y", sample.velocity.y, f64::MAX),
         ("velocity.yaw", sample.velocity.z, LARGEST_YAW_RATE_RAD_S),
-        (
-            "acceleration.x",
-            sample.acceleration.x,
-            LARGEST_ACCELERATION_M_S2,
-        ),
-        (
-            "acceleration.y",
-            sample.acceleration.y,
-            LARGEST_ACCELERATION_M_S2,
-        ),
-        (
-            "acceleration.yaw",
-            sample.acceleration.z,
-            LARGEST_YAW_ACCELERATION_RAD_S2,
-        ),
+        ("acceleration.x", sample.acceleration.x, LARGEST_ACCELERATION_M_S2),
+        ("acceleration.y", sample.acceleration.y, LARGEST_ACCELERATION_M_S2),
+        ("acceleration.yaw", sample.acceleration.z, LARGEST_YAW_ACCELERATION_RAD_S2),
     ];
     for (component, value, limit) in components {
         if !value.is_finite() || value.abs() > limit {
-            return Err(MotionError::Sample {
-                index,
-                component,
-                value,
-                limit,
-            });
+            return Err(MotionError::Sample { index, component, value, limit });
         }
     }
     Ok(())
@@ -97,10 +76,7 @@ mod tests {
 
     #[test]
     fn errors_name_sample_component_value_and_range() {
-        let mut block = MotionBlock {
-            sample_period_s: 5e-4,
-            samples: vec![MotionSample::default(); 3],
-        };
+        let mut block = MotionBlock { sample_period_s: 5e-4, samples: vec![MotionSample::default(); 3] };
         check(&block).unwrap();
         block.samples[2].acceleration.x = 2000.0;
         assert_eq!(
@@ -109,14 +85,7 @@ mod tests {
         );
         block.samples[1].velocity.z = f64::NAN;
         let error = check(&block).unwrap_err();
-        assert!(matches!(
-            error,
-            MotionError::Sample {
-                index: 1,
-                component: "velocity.yaw",
-                ..
-            }
-        ));
+        assert!(matches!(error, MotionError::Sample { index: 1, component: "velocity.yaw", .. }));
         block.sample_period_s = 0.0;
         assert_eq!(
             check(&block).unwrap_err().to_string(),

@@ -132,11 +132,7 @@ mod tests {
 
     #[test]
     fn polar_view_agrees_with_cartesian() {
-        let part = Part {
-            velocity_x_m_s: 0.03,
-            velocity_y_m_s: -0.04,
-            ..part_at(Place::Plateau, 0.0, -0.08)
-        };
+        let part = Part { velocity_x_m_s: 0.03, velocity_y_m_s: -0.04, ..part_at(Place::Plateau, 0.0, -0.08) };
         assert!((part.radius_m() - 0.08).abs() < 1e-15);
         assert!((part.angle_rad() - 1.5 * std::f64::consts::PI).abs() < 1e-15);
         assert!((part.radial_velocity_m_s() - 0.04).abs() < 1e-15);

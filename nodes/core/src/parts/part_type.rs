@@ -80,9 +80,7 @@ pub enum PartTypeError {
         sum: f64,
     },
     /// The transition matrix does not fit the number of resting poses.
-    #[error(
-        "part {part:?}: {key} has {found} entries, allowed is {expected}, one for each resting pose"
-    )]
+    #[error("part {part:?}: {key} has {found} entries, allowed is {expected}, one for each resting pose")]
     WrongShape {
         /// Name of the part type.
         part: String,
@@ -148,10 +146,7 @@ impl TryFrom<PartSpec> for PartType {
         spec.check_numbers()?;
         spec.check_probabilities()?;
         let wanted_pose_index = spec.find_wanted_pose()?;
-        Ok(Self {
-            spec,
-            wanted_pose_index,
-        })
+        Ok(Self { spec, wanted_pose_index })
     }
 }
 
@@ -183,11 +178,7 @@ impl PartSpec {
         let poses = self.resting_poses.iter().map(|pose| pose.probability);
         self.check_distribution("resting_poses", poses)?;
         let expected = self.resting_poses.len();
-        self.check_length(
-            "dropoff_transition",
-            self.dropoff_transition.len(),
-            expected,
-        )?;
+        self.check_length("dropoff_transition", self.dropoff_transition.len(), expected)?;
         for (index, row) in self.dropoff_transition.iter().enumerate() {
             let key = format!("dropoff_transition[{index}]");
             self.check_length(&key, row.len(), expected)?;
@@ -196,28 +187,16 @@ impl PartSpec {
         Ok(())
     }
 
-    fn check_distribution(
-        &self,
-        key: &str,
-        probabilities: impl Iterator<Item = f64>,
-    ) -> Result<(), PartTypeError> {
+    fn check_distribution(&self, key: &str, probabilities: impl Iterator<Item = f64>) -> Result<(), PartTypeError> {
         let mut sum = 0.0;
         for (index, probability) in probabilities.enumerate() {
             if !(0.0..=1.0).contains(&probability) {
-                return Err(self.out_of_range(
-                    format!("{key}[{index}]"),
-                    probability,
-                    "[0, 1]".to_owned(),
-                ));
+                return Err(self.out_of_range(format!("{key}[{index}]"), probability, "[0, 1]".to_owned()));
             }
             sum += probability;
         }
         if (sum - 1.0).abs() > PROBABILITY_TOLERANCE {
-            return Err(PartTypeError::NotNormalised {
-                part: self.name.clone(),
-                key: key.to_owned(),
-                sum,
-            });
+            return Err(PartTypeError::NotNormalised { part: self.name.clone(), key: key.to_owned(), sum });
         }
         Ok(())
     }
@@ -226,47 +205,26 @@ impl PartSpec {
         if found == expected {
             return Ok(());
         }
-        Err(PartTypeError::WrongShape {
-            part: self.name.clone(),
-            key: key.to_owned(),
-            found,
-            expected,
-        })
+        Err(PartTypeError::WrongShape { part: self.name.clone(), key: key.to_owned(), found, expected })
     }
 
     fn find_wanted_pose(&self) -> Result<usize, PartTypeError> {
         for (index, pose) in self.resting_poses.iter().enumerate() {
-            if self.resting_poses[..index]
-                .iter()
-                .any(|other| other.name == pose.name)
-            {
-                return Err(PartTypeError::DuplicatePose {
-                    part: self.name.clone(),
-                    pose: pose.name.clone(),
-                });
+            if self.resting_poses[..index].iter().any(|other| other.name == pose.name) {
+                return Err(PartTypeError::DuplicatePose { part: self.name.clone(), pose: pose.name.clone() });
             }
         }
-        self.resting_poses
-            .iter()
-            .position(|pose| pose.name == self.wanted_pose)
-            .ok_or_else(|| PartTypeError::UnknownWantedPose {
+        self.resting_poses.iter().position(|pose| pose.name == self.wanted_pose).ok_or_else(|| {
+            PartTypeError::UnknownWantedPose {
                 part: self.name.clone(),
                 wanted: self.wanted_pose.clone(),
-                known: self
-                    .resting_poses
-                    .iter()
-                    .map(|pose| pose.name.clone())
-                    .collect(),
-            })
+                known: self.resting_poses.iter().map(|pose| pose.name.clone()).collect(),
+            }
+        })
     }
 
     fn out_of_range(&self, key: String, value: f64, allowed: String) -> PartTypeError {
-        PartTypeError::OutOfRange {
-            part: self.name.clone(),
-            key,
-            value,
-            allowed,
-        }
+        PartTypeError::OutOfRange { part: self.name.clone(), key, value, allowed }
     }
 }
 
@@ -284,14 +242,8 @@ mod tests {
             friction_kinetic: 0.2,
             wanted_pose: "heads".to_owned(),
             resting_poses: vec![
-                RestingPose {
-                    name: "tails".to_owned(),
-                    probability: 0.5,
-                },
-                RestingPose {
-                    name: "heads".to_owned(),
-                    probability: 0.5,
-                },
+                RestingPose { name: "tails".to_owned(), probability: 0.5 },
+                RestingPose { name: "heads".to_owned(), probability: 0.5 },
             ],
             dropoff_transition: vec![vec![0.6, 0.4], vec![0.3, 0.7]],
         }
@@ -360,9 +312,7 @@ mod tests {
         let back: PartType = serde_json::from_str(&text).unwrap();
         assert_eq!(*back, coin());
         let bad = text.replace("\"diameter_m\":0.006", "\"diameter_m\":-1.0");
-        let error = serde_json::from_str::<PartType>(&bad)
-            .unwrap_err()
-            .to_string();
+        let error = serde_json::from_str::<PartType>(&bad).unwrap_err().to_string();
         assert!(error.contains("diameter_m = -1 is outside"), "{error}");
         let unknown = text.replace("\"diameter_m\"", "\"diametre_m\"");
         assert!(serde_json::from_str::<PartType>(&unknown).is_err());

@@ -29,25 +29,12 @@ impl LoadingBand {
     pub(super) fn new(tray: TrayGeometry, track: &Track, settings: &BulkSettings) -> Self {
         let inner_m = settings.loading_inner_radius_m.max(track.innermost_m);
         let clearance_rad = (track.part_radius_m / inner_m).asin();
-        let end_rad = if settings.load_plateau {
-            TAU - clearance_rad
-        } else {
-            tray.ramp_angle_rad
-        };
-        Self {
-            tray,
-            radii_m: inner_m..=track.outermost_m,
-            angles_rad: clearance_rad..=end_rad,
-        }
+        let end_rad = if settings.load_plateau { TAU - clearance_rad } else { tray.ramp_angle_rad };
+        Self { tray, radii_m: inner_m..=track.outermost_m, angles_rad: clearance_rad..=end_rad }
     }
 
     /// A place in the band, free of the parts present, or `None` if none was found.
-    pub(super) fn find_place(
-        &self,
-        parts: &[Part],
-        diameter_m: f64,
-        rng: &mut Pcg64Mcg,
-    ) -> Option<(Place, f64, f64)> {
+    pub(super) fn find_place(&self, parts: &[Part], diameter_m: f64, rng: &mut Pcg64Mcg) -> Option<(Place, f64, f64)> {
         for _ in 0..LOADING_ATTEMPTS {
             // Uniform over the area.
             let squared = self.radii_m.start().powi(2)..=self.radii_m.end().powi(2);
@@ -73,10 +60,7 @@ pub(super) struct LandingZone {
 
 impl LandingZone {
     pub(super) fn new(settings: &BulkSettings) -> Self {
-        Self {
-            scatter_m: settings.landing_scatter_m,
-            length_m: settings.landing_length_m,
-        }
+        Self { scatter_m: settings.landing_scatter_m, length_m: settings.landing_length_m }
     }
 
     /// A free place at the foot of the ramp for the part that left the plateau at radius `left_at_m`, or `None`.
@@ -88,8 +72,8 @@ impl LandingZone {
         rng: &mut Pcg64Mcg,
     ) -> Option<(f64, f64)> {
         for _ in 0..LANDING_ATTEMPTS {
-            let radius_m = (left_at_m + self.scatter_m * symmetric_share(rng))
-                .clamp(track.innermost_m, track.outermost_m);
+            let radius_m =
+                (left_at_m + self.scatter_m * symmetric_share(rng)).clamp(track.innermost_m, track.outermost_m);
             let y_m = track.part_radius_m + self.length_m * rng.random::<f64>();
             let x_m = (radius_m * radius_m - y_m * y_m).max(0.0).sqrt();
             // A part on the end of the plateau hangs over the place, but well above it.

@@ -71,78 +71,44 @@ pub struct BulkError {
     pub allowed: String,
 }
 
-fn require(
-    allowed: bool,
-    key: &'static str,
-    value: f64,
-    range: impl FnOnce() -> String,
-) -> Result<(), BulkError> {
-    if allowed && value.is_finite() {
-        Ok(())
-    } else {
-        Err(BulkError {
-            key,
-            value,
-            allowed: range(),
-        })
-    }
+fn require(allowed: bool, key: &'static str, value: f64, range: impl FnOnce() -> String) -> Result<(), BulkError> {
+    if allowed && value.is_finite() { Ok(()) } else { Err(BulkError { key, value, allowed: range() }) }
 }
 
 pub(super) fn check_tray(tray: &TrayGeometry, part: &PartType) -> Result<(), BulkError> {
     let inner = tray.inner_radius_m;
-    require(inner > 0.0, "tray.inner_radius_m", inner, || {
-        "(0, ∞) m".to_owned()
-    })?;
+    require(inner > 0.0, "tray.inner_radius_m", inner, || "(0, ∞) m".to_owned())?;
     let outer = tray.outer_radius_m;
-    require(
-        outer > inner && outer <= LARGEST_TRAY_M,
-        "tray.outer_radius_m",
-        outer,
-        || format!("(tray.inner_radius_m = {inner}, {LARGEST_TRAY_M}] m"),
-    )?;
+    require(outer > inner && outer <= LARGEST_TRAY_M, "tray.outer_radius_m", outer, || {
+        format!("(tray.inner_radius_m = {inner}, {LARGEST_TRAY_M}] m")
+    })?;
     let rise = tray.rise_m;
     require(rise > 0.0, "tray.rise_m", rise, || "(0, ∞) m".to_owned())?;
     // Which side of the ramp's ends a part lies on is told by quadrants, so neither surface may span more than three.
     let ramp = tray.ramp_angle_rad;
-    require(
-        (FRAC_PI_2..=1.5 * PI).contains(&ramp),
-        "tray.ramp_angle_rad",
-        ramp,
-        || format!("[{FRAC_PI_2}, {}] rad", 1.5 * PI),
-    )?;
+    require((FRAC_PI_2..=1.5 * PI).contains(&ramp), "tray.ramp_angle_rad", ramp, || {
+        format!("[{FRAC_PI_2}, {}] rad", 1.5 * PI)
+    })?;
     let path = outer - inner;
-    require(
-        part.diameter_m < path,
-        "part.diameter_m",
-        part.diameter_m,
-        || format!("(0, {path}) m, the width of the tray's path"),
-    )?;
-    require(
-        part.thickness_m < rise,
-        "part.thickness_m",
-        part.thickness_m,
-        || format!("(0, {rise}) m, the height of the drop-off"),
-    )
+    require(part.diameter_m < path, "part.diameter_m", part.diameter_m, || {
+        format!("(0, {path}) m, the width of the tray's path")
+    })?;
+    require(part.thickness_m < rise, "part.thickness_m", part.thickness_m, || {
+        format!("(0, {rise}) m, the height of the drop-off")
+    })
 }
 
 impl BulkSettings {
     pub(super) fn check(&self, tray: &TrayGeometry, part: &PartType) -> Result<(), BulkError> {
         let outermost = tray.outer_radius_m - part.radius_m();
         let inner = self.loading_inner_radius_m;
-        require(
-            (0.0..outermost).contains(&inner),
-            "bulk.loading_inner_radius_m",
-            inner,
-            || format!("[0, {outermost}) m, for the part's centre inside the outer wall"),
-        )?;
-        let shares = [
-            ("bulk.part_restitution", self.part_restitution),
-            ("bulk.wall_restitution", self.wall_restitution),
-        ];
+        require((0.0..outermost).contains(&inner), "bulk.loading_inner_radius_m", inner, || {
+            format!("[0, {outermost}) m, for the part's centre inside the outer wall")
+        })?;
+        let shares =
+            [("bulk.part_restitution", self.part_restitution), ("bulk.wall_restitution", self.wall_restitution)];
         for (key, value) in shares {
-            require((0.0..=1.0).contains(&value), key, value, || {
-                "[0, 1]".to_owned()
-            })?;
+            require((0.0..=1.0).contains(&value), key, value, || "[0, 1]".to_owned())?;
         }
         let not_negative = [
             ("bulk.critical_radius_m", self.critical_radius_m, "[0, ∞) m"),
@@ -155,18 +121,11 @@ impl BulkSettings {
             require(value >= 0.0, key, value, || range.to_owned())?;
         }
         let time = self.stranding_time_s;
-        require(time > 0.0, "bulk.stranding_time_s", time, || {
-            "(0, ∞) s".to_owned()
-        })?;
+        require(time > 0.0, "bulk.stranding_time_s", time, || "(0, ∞) s".to_owned())?;
         // The part has to lie on the ramp, clear of the drop-off's face.
         let longest = tray.inner_radius_m * tray.ramp_angle_rad.min(TAU / 8.0);
         let length = self.landing_length_m;
-        require(
-            (0.0..=longest).contains(&length),
-            "bulk.landing_length_m",
-            length,
-            || format!("[0, {longest}] m"),
-        )
+        require((0.0..=longest).contains(&length), "bulk.landing_length_m", length, || format!("[0, {longest}] m"))
     }
 }
 
@@ -179,9 +138,7 @@ mod tests {
     fn the_defaults_suit_the_paper_tray() {
         let part = disc(0.005, 0.2);
         check_tray(&TrayGeometry::PAPER, &part).unwrap();
-        BulkSettings::default()
-            .check(&TrayGeometry::PAPER, &part)
-            .unwrap();
+        BulkSettings::default().check(&TrayGeometry::PAPER, &part).unwrap();
     }
 
     #[test]
@@ -215,16 +172,10 @@ mod tests {
     fn a_part_wider_than_the_path_or_higher_than_the_drop_is_refused() {
         let wide = check_tray(&TrayGeometry::PAPER, &disc(0.061, 0.2)).unwrap_err();
         assert_eq!(wide.key, "part.diameter_m");
-        let flat = TrayGeometry {
-            rise_m: 0.0005,
-            ..TrayGeometry::PAPER
-        };
+        let flat = TrayGeometry { rise_m: 0.0005, ..TrayGeometry::PAPER };
         let high = check_tray(&flat, &disc(0.005, 0.2)).unwrap_err();
         assert_eq!(high.key, "part.thickness_m");
-        let steep = TrayGeometry {
-            ramp_angle_rad: 5.0,
-            ..TrayGeometry::PAPER
-        };
+        let steep = TrayGeometry { ramp_angle_rad: 5.0, ..TrayGeometry::PAPER };
         let error = check_tray(&steep, &disc(0.005, 0.2)).unwrap_err();
         assert_eq!((error.key, error.value), ("tray.ramp_angle_rad", 5.0));
     }

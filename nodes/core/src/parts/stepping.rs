@@ -19,14 +19,9 @@ impl PartBulk {
     pub(super) fn step_sample(&mut self, sample: &MotionSample, period_s: f64) {
         let whole = Drive::new(sample, 0.0, period_s);
         let acceleration_m_s2 = whole.bound_m_s2(self.track.outermost_m);
-        if self
-            .hold_m_s2
-            .is_none_or(|hold_m_s2| acceleration_m_s2 > hold_m_s2)
-        {
+        if self.hold_m_s2.is_none_or(|hold_m_s2| acceleration_m_s2 > hold_m_s2) {
             let travel_m = (self.fastest_m_s + acceleration_m_s2 * period_s) * period_s;
-            let steps = (travel_m / (STEP_SHARE * self.part.diameter_m))
-                .ceil()
-                .clamp(1.0, MOST_STEPS);
+            let steps = (travel_m / (STEP_SHARE * self.part.diameter_m)).ceil().clamp(1.0, MOST_STEPS);
             let step_s = period_s / steps;
             self.advance(&Drive::new(sample, 0.0, step_s), step_s);
             let mut done = 1.0;
@@ -56,9 +51,7 @@ impl PartBulk {
             moving = true;
         }
         let farthest_m = farthest_m2.sqrt();
-        let touched = self
-            .contacts
-            .resolve(&mut self.parts, &self.track, farthest_m);
+        let touched = self.contacts.resolve(&mut self.parts, &self.track, farthest_m);
         self.fastest_m_s = farthest_m / step_s;
         if moving || touched {
             self.hold_m_s2 = None;
@@ -84,8 +77,8 @@ impl PartBulk {
                     part.velocity_x_m_s = 0.0;
                     part.velocity_y_m_s = 0.0;
                     part.pose = random_pose_after_fall(&self.part, part.pose, &mut self.rng);
-                    part.landing_in_s = (2.0 * self.tray.rise_m / STANDARD_GRAVITY_M_S2).sqrt()
-                        + self.settings.settling_time_s;
+                    part.landing_in_s =
+                        (2.0 * self.tray.rise_m / STANDARD_GRAVITY_M_S2).sqrt() + self.settings.settling_time_s;
                     self.falling += 1;
                     self.counters.recirculated += 1;
                     self.contacts.invalidate();
@@ -104,9 +97,7 @@ impl PartBulk {
                 continue;
             }
             let left_at_m = self.parts[index].radius_m();
-            let free = self
-                .landing
-                .find_place(&self.parts, left_at_m, &self.track, &mut self.rng);
+            let free = self.landing.find_place(&self.parts, left_at_m, &self.track, &mut self.rng);
             let part = &mut self.parts[index];
             let Some((x_m, y_m)) = free else {
                 part.landing_in_s = LANDING_RETRY_S;

@@ -11,10 +11,7 @@ use crate::tray::TrayGeometry;
 
 /// A disc with two equally likely faces and one coefficient of friction.
 pub(super) fn disc(diameter_m: f64, friction: f64) -> PartType {
-    let pose = |name: &str| RestingPose {
-        name: name.to_owned(),
-        probability: 0.5,
-    };
+    let pose = |name: &str| RestingPose { name: name.to_owned(), probability: 0.5 };
     PartType::try_from(PartSpec {
         name: "disc".to_owned(),
         diameter_m,
@@ -60,17 +57,11 @@ fn shaking(count: u32) -> MotionBlock {
             ..MotionSample::default()
         }
     });
-    MotionBlock {
-        sample_period_s: 5e-4,
-        samples: samples.collect(),
-    }
+    MotionBlock { sample_period_s: 5e-4, samples: samples.collect() }
 }
 
 fn resting(count: usize) -> MotionBlock {
-    MotionBlock {
-        sample_period_s: 5e-4,
-        samples: vec![MotionSample::default(); count],
-    }
+    MotionBlock { sample_period_s: 5e-4, samples: vec![MotionSample::default(); count] }
 }
 
 #[test]
@@ -79,16 +70,8 @@ fn skipping_parts_at_rest_changes_nothing() {
     skipping.load(30);
     let mut plain = skipping.clone();
     let mut skipped = 0;
-    for sample in resting(10)
-        .samples
-        .iter()
-        .chain(&shaking(400).samples)
-        .chain(&resting(400).samples)
-    {
-        let block = MotionBlock {
-            sample_period_s: 5e-4,
-            samples: vec![*sample],
-        };
+    for sample in resting(10).samples.iter().chain(&shaking(400).samples).chain(&resting(400).samples) {
+        let block = MotionBlock { sample_period_s: 5e-4, samples: vec![*sample] };
         skipping.step(&block).unwrap();
         plain.hold_m_s2 = None;
         plain.step(&block).unwrap();
@@ -101,17 +84,13 @@ fn skipping_parts_at_rest_changes_nothing() {
 #[test]
 fn verif_a_sliding_part_pushes_one_at_rest_as_far_as_momentum_says() {
     // Touching at speed u, both go on at u/2 and stop after u²/(8 μ g).
-    let settings = BulkSettings {
-        part_restitution: 0.0,
-        ..BulkSettings::default()
-    };
+    let settings = BulkSettings { part_restitution: 0.0, ..BulkSettings::default() };
     let mut bulk = bulk(settings);
     // Along the tangent at ψ = 3π/2, a quarter millimetre apart.
     bulk.put(0.070, 1.5 * PI, 0.0, 0).unwrap();
     let gap_m = 0.25e-3;
     let (x_m, y_m) = (-(0.006_f64 + gap_m), -0.070_f64);
-    bulk.put(x_m.hypot(y_m), y_m.atan2(x_m) + TAU, 0.0, 0)
-        .unwrap();
+    bulk.put(x_m.hypot(y_m), y_m.atan2(x_m) + TAU, 0.0, 0).unwrap();
     let speed = 0.1;
     bulk.parts[1].velocity_x_m_s = speed;
     bulk.parts_changed();
@@ -122,19 +101,12 @@ fn verif_a_sliding_part_pushes_one_at_rest_as_far_as_momentum_says() {
     let pushed_m = bulk.parts[0].x_m;
     assert!(bulk.parts.iter().all(Part::is_sticking));
     // The impact is noticed up to a sample late: 0.1 m/s × 0.5 ms.
-    assert!(
-        (pushed_m - expected_m).abs() < 5e-5,
-        "{pushed_m} m, expected {expected_m} m"
-    );
+    assert!((pushed_m - expected_m).abs() < 5e-5, "{pushed_m} m, expected {expected_m} m");
 }
 
 #[test]
 fn a_falling_part_waits_until_the_foot_of_the_ramp_is_free() {
-    let settings = BulkSettings {
-        landing_scatter_m: 0.0,
-        landing_length_m: 0.0,
-        ..BulkSettings::default()
-    };
+    let settings = BulkSettings { landing_scatter_m: 0.0, landing_length_m: 0.0, ..BulkSettings::default() };
     let mut bulk = bulk(settings);
     bulk.put(0.080, 0.05, 0.0, 0).unwrap();
     bulk.put(0.080, 6.2, 0.0, 0).unwrap();
@@ -143,10 +115,7 @@ fn a_falling_part_waits_until_the_foot_of_the_ramp_is_free() {
     bulk.step(&resting(1000)).unwrap();
     assert_eq!(bulk.parts[1].place, Place::Falling);
     assert_eq!(bulk.counters.recirculated, 1);
-    assert!(
-        bulk.pick(0.080, 0.0, 0.001).is_none(),
-        "a falling part was picked"
-    );
+    assert!(bulk.pick(0.080, 0.0, 0.001).is_none(), "a falling part was picked");
     bulk.pick(0.080, 0.004, 0.001).unwrap();
     bulk.step(&resting(20)).unwrap();
     assert_eq!((bulk.parts[0].place, bulk.falling), (Place::Ramp, 0));
@@ -170,8 +139,5 @@ fn entering_the_plateau_counts_once_a_lap() {
     cross(6.2, 1, Place::Plateau);
     cross(0.0, 1, Place::Falling);
     bulk.step(&resting(250)).unwrap();
-    assert_eq!(
-        (bulk.parts[0].place, bulk.parts[0].fed),
-        (Place::Ramp, false)
-    );
+    assert_eq!((bulk.parts[0].place, bulk.parts[0].fed), (Place::Ramp, false));
 }

@@ -27,8 +27,7 @@ impl Drive {
         let acceleration = sample.acceleration;
         let middle_s = from_s + 0.5 * step_s;
         let yaw_rad_s = sample.velocity.z + acceleration.z * middle_s;
-        let yaw_rad =
-            sample.position.z + (sample.velocity.z + 0.5 * acceleration.z * middle_s) * middle_s;
+        let yaw_rad = sample.position.z + (sample.velocity.z + 0.5 * acceleration.z * middle_s) * middle_s;
         let (sin, cos) = yaw_rad.sin_cos();
         Self {
             x_m_s2: acceleration.x * cos + acceleration.y * sin,
@@ -138,9 +137,7 @@ impl Track {
             + 2.0 * outward * (turning + drive.yaw_rad_s);
         let normal = (STANDARD_GRAVITY_M_S2 * cos - sin * tangential).max(0.0);
         let push = [
-            drive.yaw_rad_s * (drive.yaw_rad_s * r + 2.0 * around)
-                - drive.x_m_s2 * out_x
-                - drive.y_m_s2 * out_y,
+            drive.yaw_rad_s * (drive.yaw_rad_s * r + 2.0 * around) - drive.x_m_s2 * out_x - drive.y_m_s2 * out_y,
             2.0 * outward * turning * per_cos - STANDARD_GRAVITY_M_S2 * sin - cos * tangential,
         ];
         let grip_static = self.friction_static * normal;
@@ -148,13 +145,7 @@ impl Track {
             return None;
         }
         let grip_kinetic = self.friction_kinetic * normal;
-        let slid = slide(
-            [outward, around * per_cos],
-            push,
-            grip_static,
-            grip_kinetic,
-            step_s,
-        );
+        let slid = slide([outward, around * per_cos], push, grip_static, grip_kinetic, step_s);
         let moved = [slid.displacement[0], slid.displacement[1] * cos];
         part.x_m += moved[0] * out_x + moved[1] * uphill_x;
         part.y_m += moved[0] * out_y + moved[1] * uphill_y;
@@ -174,11 +165,7 @@ impl Track {
         let outside = squared > self.outermost_m * self.outermost_m;
         if outside || squared < self.innermost_m * self.innermost_m {
             let r = squared.sqrt();
-            let (out_x, out_y) = if r > 0.0 {
-                (part.x_m / r, part.y_m / r)
-            } else {
-                (1.0, 0.0)
-            };
+            let (out_x, out_y) = if r > 0.0 { (part.x_m / r, part.y_m / r) } else { (1.0, 0.0) };
             if outside {
                 part.x_m = out_x * self.outermost_m;
                 part.y_m = out_y * self.outermost_m;
@@ -220,9 +207,7 @@ impl Track {
         match part.place {
             Place::Ramp if beyond_ramp() >= 0.0 && near_ramp_end() => Some(Passage::RampToPlateau),
             Place::Plateau if part.y_m >= 0.0 && part.x_m > 0.0 => Some(Passage::OffThePlateau),
-            Place::Plateau if beyond_ramp() < 0.0 && near_ramp_end() => {
-                Some(Passage::PlateauToRamp)
-            }
+            Place::Plateau if beyond_ramp() < 0.0 && near_ramp_end() => Some(Passage::PlateauToRamp),
             _ => None,
         }
     }
@@ -234,12 +219,8 @@ impl Track {
         ramp.fold(flat, |least, part| {
             // From |f| ≤ g sin φ + a and f_N ≥ g cos φ − a sin φ.
             let slope_length = part.radius_m().hypot(self.pitch_m_per_rad);
-            let (sin, cos) = (
-                self.pitch_m_per_rad / slope_length,
-                part.radius_m() / slope_length,
-            );
-            let hold = STANDARD_GRAVITY_M_S2 * (self.friction_static * cos - sin)
-                / (1.0 + self.friction_static * sin);
+            let (sin, cos) = (self.pitch_m_per_rad / slope_length, part.radius_m() / slope_length);
+            let hold = STANDARD_GRAVITY_M_S2 * (self.friction_static * cos - sin) / (1.0 + self.friction_static * sin);
             least.min(hold)
         })
     }
@@ -258,18 +239,11 @@ mod tests {
     use crate::parts::tests::{disc, part_at};
 
     fn track() -> Track {
-        Track::new(
-            &TrayGeometry::PAPER,
-            &disc(0.006, 0.2),
-            &BulkSettings::default(),
-        )
+        Track::new(&TrayGeometry::PAPER, &disc(0.006, 0.2), &BulkSettings::default())
     }
 
     fn carried(x_m_s2: f64, y_m_s2: f64) -> Drive {
-        let sample = MotionSample {
-            acceleration: Vector3::new(x_m_s2, y_m_s2, 0.0),
-            ..MotionSample::default()
-        };
+        let sample = MotionSample { acceleration: Vector3::new(x_m_s2, y_m_s2, 0.0), ..MotionSample::default() };
         Drive::new(&sample, 0.0, 5e-4)
     }
 
@@ -290,20 +264,9 @@ mod tests {
     #[test]
     fn walls_and_face_stop_parts_with_friction() {
         // wall_restitution 0.1 and wall_friction 0.2: an impact at 1 m/s takes 1.1 × 0.2 m/s off the speed along it.
-        let outward = Part {
-            velocity_x_m_s: 1.0,
-            velocity_y_m_s: -0.5,
-            ..part_at(Place::Plateau, 0.0875, 0.0)
-        };
-        let inward = Part {
-            velocity_x_m_s: -1.0,
-            ..part_at(Place::Plateau, 0.0325, 0.0)
-        };
-        let against_the_face = Part {
-            velocity_x_m_s: 0.1,
-            velocity_y_m_s: -1.0,
-            ..part_at(Place::Ramp, 0.060, 0.001)
-        };
+        let outward = Part { velocity_x_m_s: 1.0, velocity_y_m_s: -0.5, ..part_at(Place::Plateau, 0.0875, 0.0) };
+        let inward = Part { velocity_x_m_s: -1.0, ..part_at(Place::Plateau, 0.0325, 0.0) };
+        let against_the_face = Part { velocity_x_m_s: 0.1, velocity_y_m_s: -1.0, ..part_at(Place::Ramp, 0.060, 0.001) };
         for (mut part, x_m, y_m, velocity) in [
             (outward, 0.087, 0.0, [-0.1, -0.28]),
             (inward, 0.033, 0.0, [0.1, 0.0]),
@@ -332,11 +295,7 @@ mod tests {
             (Place::Plateau, 0.0, Some(Passage::OffThePlateau)),
             (Place::Falling, 0.0, None),
         ] {
-            assert_eq!(
-                passage(place, angle_rad),
-                expected,
-                "{place:?} at {angle_rad}"
-            );
+            assert_eq!(passage(place, angle_rad), expected, "{place:?} at {angle_rad}");
         }
     }
 

@@ -7,7 +7,9 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use crate::camera::{CameraModel, FaceAppearance, LightModel, MountedTray, PartAppearance, Scene, SensorModel, TrayAppearance};
+use crate::camera::{
+    CameraModel, FaceAppearance, LightModel, MountedTray, PartAppearance, Scene, SensorModel, TrayAppearance,
+};
 use crate::courier::CourierConfig;
 use crate::delivery::DeliveryConfig;
 use crate::manipulator::ManipulatorConfig;
@@ -249,10 +251,12 @@ impl Scenario {
     /// A part that was never taught, or values that do not go together.
     pub fn taught_selector(&self) -> Result<Selector, ScenarioError> {
         let Some(model) = self.part_model.clone() else {
-            let problem = "missing: teach the part with `feeder teach --scenario FILE` and add what it prints".to_owned();
+            let problem =
+                "missing: teach the part with `feeder teach --scenario FILE` and add what it prints".to_owned();
             return Err(ScenarioError::Invalid { section: "part_model", problem });
         };
-        Selector::new(self.selector(), &self.camera.model, &self.tray, model).map_err(|error| invalid("selector", &error))
+        Selector::new(self.selector(), &self.camera.model, &self.tray, model)
+            .map_err(|error| invalid("selector", &error))
     }
 
     /// Namespace of the feeder's nodes.

@@ -27,23 +27,10 @@ impl Blobs {
             let first = self.runs.len();
             let mut column = 0;
             let mut candidate = above.start;
-            while let Some(start) = pixels[column..]
-                .iter()
-                .position(|p| *p != 0)
-                .map(|skip| column + skip)
-            {
-                let end = pixels[start..]
-                    .iter()
-                    .position(|p| *p == 0)
-                    .map_or(width, |length| start + length);
+            while let Some(start) = pixels[column..].iter().position(|p| *p != 0).map(|skip| column + skip) {
+                let end = pixels[start..].iter().position(|p| *p == 0).map_or(width, |length| start + length);
                 let index = self.runs.len();
-                self.runs.push(Run {
-                    row,
-                    start,
-                    end,
-                    parent: index,
-                    area: end - start,
-                });
+                self.runs.push(Run { row, start, end, parent: index, area: end - start });
                 while candidate < above.end && self.runs[candidate].end < start {
                     candidate += 1;
                 }
@@ -58,9 +45,7 @@ impl Blobs {
         }
         for index in 0..self.runs.len() {
             let root = self.root(index);
-            let Run {
-                row, start, end, ..
-            } = self.runs[index];
+            let Run { row, start, end, .. } = self.runs[index];
             if self.runs[root].area < blob_px_min {
                 foreground[row * width + start..row * width + end].fill(0);
             }

@@ -89,25 +89,18 @@ impl Votes {
                 if frame.bins[index] == 0 {
                     continue;
                 }
-                let slope = |step: usize, index: usize| {
-                    i32::from(pixels[index + step]) - i32::from(pixels[index - step])
-                };
+                let slope =
+                    |step: usize, index: usize| i32::from(pixels[index + step]) - i32::from(pixels[index - step]);
                 let (dx, dy) = (slope(1, index), slope(width, index));
                 if (dx.abs() + dy.abs()) as f32 <= limit {
                     continue;
                 }
-                let (along, steepness) = if dx.abs() >= dy.abs() {
-                    (1, dx.abs())
-                } else {
-                    (width, dy.abs())
-                };
+                let (along, steepness) = if dx.abs() >= dy.abs() { (1, dx.abs()) } else { (width, dy.abs()) };
                 if index < 2 * width || index + 2 * width >= pixels.len() {
                     continue;
                 }
                 // Thin edges: only the steepest pixel across the edge votes.
-                if slope(along, index - along).abs() > steepness
-                    || slope(along, index + along).abs() >= steepness
-                {
+                if slope(along, index - along).abs() > steepness || slope(along, index + along).abs() >= steepness {
                     continue;
                 }
                 let (dx, dy) = (dx as f32, dy as f32);
@@ -133,20 +126,9 @@ impl Votes {
 
     fn is_peak(&self, index: usize, width: usize) -> bool {
         let here = self.sums[index];
-        let before = [
-            index - width - 1,
-            index - width,
-            index - width + 1,
-            index - 1,
-        ];
-        let after = [
-            index + 1,
-            index + width - 1,
-            index + width,
-            index + width + 1,
-        ];
-        before.iter().all(|other| self.sums[*other] < here)
-            && after.iter().all(|other| self.sums[*other] <= here)
+        let before = [index - width - 1, index - width, index - width + 1, index - 1];
+        let after = [index + 1, index + width - 1, index + width, index + width + 1];
+        before.iter().all(|other| self.sums[*other] < here) && after.iter().all(|other| self.sums[*other] <= here)
     }
 
     fn centroid(&self, row: usize, column: usize, width: usize) -> Point2<f32> {
@@ -158,11 +140,7 @@ impl Votes {
                 moment += Vector2::new(x as f32, y as f32) * votes;
             }
         }
-        if weight > 0.0 {
-            Point2::from(moment / weight)
-        } else {
-            Point2::new(column as f32, row as f32)
-        }
+        if weight > 0.0 { Point2::from(moment / weight) } else { Point2::new(column as f32, row as f32) }
     }
 }
 
@@ -172,9 +150,8 @@ fn box_sum(counts: &[u16], sums: &mut [u16], width: usize) {
     let mut columns = vec![0_u16; width];
     for row in 1..height.saturating_sub(1) {
         let line = |row: usize| &counts[row * width..(row + 1) * width];
-        for (column, ((above, middle), below)) in columns
-            .iter_mut()
-            .zip(line(row - 1).iter().zip(line(row)).zip(line(row + 1)))
+        for (column, ((above, middle), below)) in
+            columns.iter_mut().zip(line(row - 1).iter().zip(line(row)).zip(line(row + 1)))
         {
             *column = above + middle + below;
         }
@@ -193,11 +170,7 @@ pub(super) fn measure(
     centre: Point2<f64>,
     radius_m: f64,
 ) -> Option<Disc> {
-    let mut disc = Disc {
-        centre,
-        radius_m,
-        support: 0.0,
-    };
+    let mut disc = Disc { centre, radius_m, support: 0.0 };
     // The second look starts from a centre close enough for the rim to stand square to the spokes.
     for _ in 0..2 {
         let pixel = view.pixel(disc.centre, height_m)?;
@@ -205,11 +178,7 @@ pub(super) fn measure(
         let m_per_px = 1.0 / px_from_tray.determinant().abs().sqrt();
         let rim = rim_points(frame, pixel, px_from_tray, disc.radius_m, m_per_px);
         let (shift, growth, support) = fit_rim(&rim, m_per_px, radius_m - disc.radius_m);
-        disc = Disc {
-            centre: disc.centre + shift,
-            radius_m: disc.radius_m + growth,
-            support,
-        };
+        disc = Disc { centre: disc.centre + shift, radius_m: disc.radius_m + growth, support };
     }
     Some(disc)
 }
@@ -225,28 +194,18 @@ fn rim_points(
     const SAMPLES_MAX: usize = 64;
     let step_m = SPOKE_STEP_PX * m_per_px;
     let miss_m = (RIM_MISS_PX * m_per_px).max(RIM_MISS_RATIO * radius_m);
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "small and positive"
-    )]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small and positive")]
     let half = ((miss_m / step_m).ceil() as usize + 1).min(SAMPLES_MAX / 2 - 1);
     let count = 2 * half + 1;
     let mut rim = Vec::with_capacity(SPOKES);
     for direction in &*SPOKE_DIRECTIONS {
         let px_per_m = px_from_tray * direction;
         let mut levels = [0.0_f32; SAMPLES_MAX];
-        let complete = levels[..count]
-            .iter_mut()
-            .enumerate()
-            .all(|(sample, level)| {
-                let along_m = radius_m + (sample as f64 - half as f64) * step_m;
-                let place = (pixel.coords + px_per_m * along_m).map(crate::camera::single);
-                frame
-                    .level(place.x, place.y)
-                    .map(|seen| *level = seen)
-                    .is_some()
-            });
+        let complete = levels[..count].iter_mut().enumerate().all(|(sample, level)| {
+            let along_m = radius_m + (sample as f64 - half as f64) * step_m;
+            let place = (pixel.coords + px_per_m * along_m).map(crate::camera::single);
+            frame.level(place.x, place.y).map(|seen| *level = seen).is_some()
+        });
         if !complete {
             continue;
         }
@@ -256,20 +215,14 @@ fn rim_points(
             let near = 1.0 - (sample as f64 - half as f64).abs() / (half + 1) as f64;
             f64::from((levels[sample + 1] - levels[sample - 1]).abs()) * near
         };
-        let best = (1..count - 1)
-            .rev()
-            .max_by(|a, b| slope(*a).total_cmp(&slope(*b)));
+        let best = (1..count - 1).rev().max_by(|a, b| slope(*a).total_cmp(&slope(*b)));
         let Some(best) = best.filter(|best| slope(*best) >= f64::from(frame.edge_levels)) else {
             continue;
         };
         let peak = if best > 1 && best + 2 < count {
             let (before, here, after) = (slope(best - 1), slope(best), slope(best + 1));
             let curvature = before - 2.0 * here + after;
-            if curvature < 0.0 {
-                0.5 * (before - after) / curvature
-            } else {
-                0.0
-            }
+            if curvature < 0.0 { 0.5 * (before - after) / curvature } else { 0.0 }
         } else {
             0.0
         };
@@ -279,11 +232,7 @@ fn rim_points(
 }
 
 /// Least-squares circle through rim points, outliers left out: shift of the centre, growth of the radius, support.
-fn fit_rim(
-    rim: &[(Vector2<f64>, f64)],
-    m_per_px: f64,
-    prior_growth_m: f64,
-) -> (Vector2<f64>, f64, f64) {
+fn fit_rim(rim: &[(Vector2<f64>, f64)], m_per_px: f64, prior_growth_m: f64) -> (Vector2<f64>, f64, f64) {
     let outlier_m = RIM_OUTLIER_PX * m_per_px;
     let mut solution = Vector3::new(0.0, 0.0, prior_growth_m);
     let miss = |solution: &Vector3<f64>, direction: &Vector2<f64>, excess_m: f64| {
@@ -304,12 +253,6 @@ fn fit_rim(
             solution = factors.solve(&target);
         }
     }
-    let on_circle = rim
-        .iter()
-        .filter(|(direction, excess_m)| miss(&solution, direction, *excess_m).abs() < outlier_m);
-    (
-        solution.xy(),
-        solution.z,
-        on_circle.count() as f64 / SPOKES as f64,
-    )
+    let on_circle = rim.iter().filter(|(direction, excess_m)| miss(&solution, direction, *excess_m).abs() < outlier_m);
+    (solution.xy(), solution.z, on_circle.count() as f64 / SPOKES as f64)
 }

@@ -60,19 +60,13 @@ impl SelectorConfig {
         ] {
             require((0.0..=1.0).contains(&value), field, value, "0 to 1")?;
         }
-        for (field, value) in [
-            ("selector.part_clearance_m", self.part_clearance_m),
-            ("selector.wall_clearance_m", self.wall_clearance_m),
-        ] {
+        for (field, value) in
+            [("selector.part_clearance_m", self.part_clearance_m), ("selector.wall_clearance_m", self.wall_clearance_m)]
+        {
             require((-0.1..=0.1).contains(&value), field, value, "-0.1 to 0.1 m")?;
         }
         let contrast = self.contrast_min_levels;
-        require(
-            (2.0..=128.0).contains(&contrast),
-            "selector.contrast_min_levels",
-            contrast,
-            "2 to 128",
-        )?;
+        require((2.0..=128.0).contains(&contrast), "selector.contrast_min_levels", contrast, "2 to 128")?;
         self.tracker.validate()
     }
 }

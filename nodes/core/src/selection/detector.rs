@@ -46,19 +46,10 @@ impl Detector {
     ) -> Result<(Vec<Disc>, Background), ImageFault> {
         let expected = (self.camera.width_px(), self.camera.height_px());
         if image.dimensions() != expected {
-            return Err(ImageFault::WrongSize {
-                found: image.dimensions(),
-                expected,
-            });
+            return Err(ImageFault::WrongSize { found: image.dimensions(), expected });
         }
-        let view = View {
-            camera: &self.camera,
-            tray: &self.tray,
-            platen_from_tray: *platen_from_tray,
-        };
-        let background =
-            self.segmentation
-                .look(&view, &self.rays, image, contrast_min_levels, BLOB_PX_MIN)?;
+        let view = View { camera: &self.camera, tray: &self.tray, platen_from_tray: *platen_from_tray };
+        let background = self.segmentation.look(&view, &self.rays, image, contrast_min_levels, BLOB_PX_MIN)?;
         let height_m = size.rim_height_m(&self.tray);
         let radius_m = size.diameter_m / 2.0;
         let radius_px = crate::camera::single(radius_m / self.camera.m_per_px(height_m));

@@ -131,20 +131,10 @@ impl Selector {
         require_above(camera, tray)?;
         for pose in &config.wanted_poses {
             let taught = *pose < model.poses.len();
-            require(
-                taught,
-                "selector.wanted_poses",
-                *pose as f64,
-                "poses the part model was taught",
-            )?;
+            require(taught, "selector.wanted_poses", *pose as f64, "poses the part model was taught")?;
         }
         let tracker = Tracker::new(config.tracker, model.poses.len());
-        Ok(Self {
-            config,
-            model,
-            detector: Detector::new(camera, tray),
-            tracker,
-        })
+        Ok(Self { config, model, detector: Detector::new(camera, tray), tracker })
     }
 
     /// Looks at a frame taken at `stamp_s` with the tray at `platen_from_tray`; returns the parts it shows, tracked, in
@@ -180,50 +170,29 @@ impl Selector {
         platen_from_tray: &Isometry2<f64>,
     ) -> Result<Vec<Candidate>, ImageFault> {
         let size = self.model.size();
-        let (discs, background) = self.detector.discs(
-            image,
-            platen_from_tray,
-            size,
-            self.config.contrast_min_levels,
-        )?;
-        let Detector {
-            camera,
-            tray,
-            segmentation,
-            ..
-        } = &mut self.detector;
-        let view = View {
-            camera,
-            tray,
-            platen_from_tray: *platen_from_tray,
-        };
+        let (discs, background) =
+            self.detector.discs(image, platen_from_tray, size, self.config.contrast_min_levels)?;
+        let Detector { camera, tray, segmentation, .. } = &mut self.detector;
+        let view = View { camera, tray, platen_from_tray: *platen_from_tray };
         let (height_m, face_height_m) = (size.rim_height_m(tray), size.face_height_m(tray));
         let radius_m = self.model.diameter_m / 2.0;
         let mut candidates = Vec::new();
         for disc in discs {
             let diameter_m = 2.0 * disc.radius_m;
-            let sized =
-                (diameter_m - self.model.seen_diameter_m).abs() <= self.model.diameter_tolerance_m;
+            let sized = (diameter_m - self.model.seen_diameter_m).abs() <= self.model.diameter_tolerance_m;
             if !sized || disc.support < self.config.rim_support_min {
                 continue;
             }
-            let Some(face) = part_model::sample_face(
-                segmentation,
-                &background,
-                &view,
-                face_height_m,
-                disc.centre,
-                radius_m,
-            ) else {
+            let Some(face) =
+                part_model::sample_face(segmentation, &background, &view, face_height_m, disc.centre, radius_m)
+            else {
                 continue;
             };
             let (pose, confidence) = recognise(&self.model, &self.config, &face);
             let centre = disc.centre + (face.centre - disc.centre) * trust_in_face(&face, &disc);
             let centre_m = centre.coords.norm();
             let geometry = &tray.geometry;
-            let wall_gap_m = (geometry.outer_radius_m - centre_m)
-                .min(centre_m - geometry.inner_radius_m)
-                - radius_m;
+            let wall_gap_m = (geometry.outer_radius_m - centre_m).min(centre_m - geometry.inner_radius_m) - radius_m;
             // A part cannot lie in a wall.
             if wall_gap_m < -WALL_MISS_PX * camera.m_per_px(height_m) {
                 continue;
@@ -240,12 +209,7 @@ impl Selector {
             });
         }
         let reach_m = radius_m + HALO_RADII * radius_m + HALO_HEIGHTS * size.height_m;
-        measure_gaps(
-            segmentation,
-            &view,
-            (height_m, radius_m, reach_m),
-            &mut candidates,
-        );
+        measure_gaps(segmentation, &view, (height_m, radius_m, reach_m), &mut candidates);
         Ok(candidates)
     }
 
@@ -253,9 +217,7 @@ impl Selector {
         let candidate = &part.candidate;
         candidate.on_plateau
             && part.confidence >= self.config.confidence_min
-            && part
-                .pose
-                .is_some_and(|pose| self.config.wanted_poses.contains(&pose))
+            && part.pose.is_some_and(|pose| self.config.wanted_poses.contains(&pose))
             && candidate.pose == part.pose
             && candidate.part_gap_m >= self.config.part_clearance_m
             && candidate.wall_gap_m >= self.config.wall_clearance_m
@@ -271,17 +233,12 @@ fn trust_in_face(face: &part_model::Face, disc: &Disc) -> f64 {
 }
 
 /// The pose whose taught face this is, and how sure that is.
-fn recognise(
-    model: &PartModel,
-    config: &SelectorConfig,
-    face: &part_model::Face,
-) -> (Option<usize>, f64) {
+fn recognise(model: &PartModel, config: &SelectorConfig, face: &part_model::Face) -> (Option<usize>, f64) {
     let (mut best, mut best_correlation, mut second_correlation) = (None, -1.0, -1.0);
     for (pose, template) in model.poses.iter().enumerate() {
         let correlation = template.correlation(&face.rings);
         if correlation > best_correlation {
-            (best, second_correlation, best_correlation) =
-                (Some(pose), best_correlation, correlation);
+            (best, second_correlation, best_correlation) = (Some(pose), best_correlation, correlation);
         } else if correlation > second_correlation {
             second_correlation = correlation;
         }
@@ -292,26 +249,16 @@ fn recognise(
         return (None, 0.0);
     }
     // Certainty grows from ½ at the least accepted to 1: with the match, and with the lead over the next face.
-    let share = |value: f64, low: f64, high: f64| {
-        0.5 + 0.5 * ((value - low) / (high - low)).clamp(0.0, 1.0)
-    };
+    let share = |value: f64, low: f64, high: f64| 0.5 + 0.5 * ((value - low) / (high - low)).clamp(0.0, 1.0);
     let match_share = share(best_correlation, least, (least + 1.0) / 2.0);
-    (
-        best,
-        match_share.min(share(lead, lead_least, 2.0 * lead_least)),
-    )
+    (best, match_share.min(share(lead, lead_least, 2.0 * lead_least)))
 }
 
 /// A camera must hang at least twice as high as the tray's walls stand.
 fn require_above(camera: &CameraModel, tray: &MountedTray) -> Result<(), InvalidValue> {
     let height_m = camera.pose().height_m;
     let above = height_m >= 2.0 * tray.wall_top_m();
-    require(
-        above,
-        "camera.pose.height_m",
-        height_m,
-        "at least twice the height of the tray's walls",
-    )
+    require(above, "camera.pose.height_m", height_m, "at least twice the height of the tray's walls")
 }
 
 /// Free gaps between candidates, all discs of `radius_m` whose shadows end at `reach_m`, and to whatever else stands out
@@ -330,14 +277,9 @@ fn measure_gaps(
     let centres: Vec<Point2<f64>> = candidates.iter().map(Candidate::centre).collect();
     for (index, candidate) in candidates.iter_mut().enumerate() {
         let centre = centres[index];
-        let others = centres
-            .iter()
-            .enumerate()
-            .filter(|(other, _)| *other != index);
+        let others = centres.iter().enumerate().filter(|(other, _)| *other != index);
         let to_parts = others.map(|(_, other)| (other - centre).norm() - 2.0 * radius_m);
-        let to_obstacles = obstacles
-            .iter()
-            .map(|obstacle| (obstacle - centre).norm() - radius_m);
+        let to_obstacles = obstacles.iter().map(|obstacle| (obstacle - centre).norm() - radius_m);
         candidate.part_gap_m = to_parts.chain(to_obstacles).fold(f64::INFINITY, f64::min);
     }
 }

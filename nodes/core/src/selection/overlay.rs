@@ -30,52 +30,30 @@ pub fn draw_overlay(
     platen_from_tray: &Isometry2<f64>,
 ) -> RgbImage {
     let mut canvas = image::DynamicImage::from(image.clone()).into_rgb8();
-    let view = View {
-        camera,
-        tray,
-        platen_from_tray: *platen_from_tray,
-    };
+    let view = View { camera, tray, platen_from_tray: *platen_from_tray };
     let height_m = tray.plateau_height_m();
-    let pixel = |point: Point2<f64>| {
-        view.pixel(point, height_m)
-            .map(|pixel| (single(pixel.x), single(pixel.y)))
-    };
+    let pixel = |point: Point2<f64>| view.pixel(point, height_m).map(|pixel| (single(pixel.x), single(pixel.y)));
     let geometry = &tray.geometry;
-    let on_circle = |radius_m: f64, psi_rad: f64| {
-        Point2::new(radius_m * psi_rad.cos(), radius_m * psi_rad.sin())
-    };
+    let on_circle = |radius_m: f64, psi_rad: f64| Point2::new(radius_m * psi_rad.cos(), radius_m * psi_rad.sin());
     let mut line = |from: Point2<f64>, to: Point2<f64>, colour: Rgb<u8>| {
         if let (Some(from), Some(to)) = (pixel(from), pixel(to)) {
             draw_line_segment_mut(&mut canvas, from, to, colour);
         }
     };
     let span_rad = std::f64::consts::TAU - geometry.ramp_angle_rad;
-    let psi =
-        |step: u32| geometry.ramp_angle_rad + span_rad * f64::from(step) / f64::from(ARC_STEPS);
+    let psi = |step: u32| geometry.ramp_angle_rad + span_rad * f64::from(step) / f64::from(ARC_STEPS);
     let (inner_m, outer_m) = (geometry.inner_radius_m, geometry.outer_radius_m);
     for step in 0..ARC_STEPS {
         for radius_m in [inner_m, outer_m] {
-            line(
-                on_circle(radius_m, psi(step)),
-                on_circle(radius_m, psi(step + 1)),
-                OUTLINE,
-            );
+            line(on_circle(radius_m, psi(step)), on_circle(radius_m, psi(step + 1)), OUTLINE);
         }
     }
     for step in [0, ARC_STEPS] {
-        line(
-            on_circle(inner_m, psi(step)),
-            on_circle(outer_m, psi(step)),
-            OUTLINE,
-        );
+        line(on_circle(inner_m, psi(step)), on_circle(outer_m, psi(step)), OUTLINE);
     }
     for part in candidates {
         let colour = colour(part);
-        line(
-            part.position_m,
-            part.predict(part.stamp_s + MOTION_LINE_S),
-            colour,
-        );
+        line(part.position_m, part.predict(part.stamp_s + MOTION_LINE_S), colour);
         let radius_m = part.candidate.diameter_m / 2.0;
         for tick in 0..part.pose.map_or(0, |pose| pose + 1) {
             let x_m = (tick as f64 * 0.3 - 0.3) * radius_m;

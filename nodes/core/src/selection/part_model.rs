@@ -65,46 +65,22 @@ impl PartModel {
     ///
     /// [`InvalidValue`] naming the field out of range.
     pub fn validate(&self) -> Result<(), InvalidValue> {
-        for (field, value) in [
-            ("part_model.diameter_m", self.diameter_m),
-            ("part_model.seen_diameter_m", self.seen_diameter_m),
-        ] {
+        for (field, value) in
+            [("part_model.diameter_m", self.diameter_m), ("part_model.seen_diameter_m", self.seen_diameter_m)]
+        {
             require((5e-4..=0.2).contains(&value), field, value, "5e-4 to 0.2 m")?;
         }
         let tolerance = self.diameter_tolerance_m;
         let tolerance_ok = tolerance > 0.0 && tolerance <= self.diameter_m;
-        require(
-            tolerance_ok,
-            "part_model.diameter_tolerance_m",
-            tolerance,
-            "above 0 up to diameter_m",
-        )?;
-        require(
-            (0.0..=0.1).contains(&self.height_m),
-            "part_model.height_m",
-            self.height_m,
-            "0 to 0.1 m",
-        )?;
-        require(
-            !self.poses.is_empty(),
-            "part_model.poses",
-            0.0,
-            "at least one",
-        )?;
+        require(tolerance_ok, "part_model.diameter_tolerance_m", tolerance, "above 0 up to diameter_m")?;
+        require((0.0..=0.1).contains(&self.height_m), "part_model.height_m", self.height_m, "0 to 0.1 m")?;
+        require(!self.poses.is_empty(), "part_model.poses", 0.0, "at least one")?;
         for template in &self.poses {
             for (field, values) in [
-                (
-                    "part_model.poses.ring_brightness",
-                    &template.ring_brightness,
-                ),
+                ("part_model.poses.ring_brightness", &template.ring_brightness),
                 ("part_model.poses.ring_deviation", &template.ring_deviation),
             ] {
-                require(
-                    values.len() == RINGS,
-                    field,
-                    values.len() as f64,
-                    "12 numbers",
-                )?;
+                require(values.len() == RINGS, field, values.len() as f64, "12 numbers")?;
                 for value in values {
                     require((0.0..=100.0).contains(value), field, *value, "0 to 100")?;
                 }
@@ -114,10 +90,7 @@ impl PartModel {
     }
 
     pub(super) fn size(&self) -> PartSize {
-        PartSize {
-            diameter_m: self.diameter_m,
-            height_m: self.height_m,
-        }
+        PartSize { diameter_m: self.diameter_m, height_m: self.height_m }
     }
 }
 
@@ -127,12 +100,7 @@ impl PoseTemplate {
     pub(super) fn correlation(&self, rings: &[f64]) -> f64 {
         let pairs = || {
             let weights = (0..RINGS).map(|ring| (2 * ring + 1) as f64 / (RINGS * RINGS) as f64);
-            weights.zip(
-                self.ring_brightness
-                    .iter()
-                    .copied()
-                    .zip(rings.iter().copied()),
-            )
+            weights.zip(self.ring_brightness.iter().copied().zip(rings.iter().copied()))
         };
         let (mut mean_a, mut mean_b) = (0.0, 0.0);
         for (weight, (a, b)) in pairs() {
@@ -165,11 +133,7 @@ pub(super) fn sample_face(
     let px_from_tray = view.px_from_tray(centre, height_m)?.map(single);
     let white = background.level(frame.window, pixel.x, pixel.y).max(1.0);
     let ring_m = radius_m * FACE_RATIO / RINGS as f64;
-    let mut face = Face {
-        rings: [0.0; RINGS],
-        centre,
-        sharpness: 0.0,
-    };
+    let mut face = Face { rings: [0.0; RINGS], centre, sharpness: 0.0 };
     // The second look, from the centre found by the first, is the one that counts.
     for _ in 0..2 {
         let shift_px = px_from_tray * (face.centre - centre).map(single);
@@ -208,11 +172,7 @@ fn symmetry_offset(rings: &[f64; RINGS], harmonics: &[Vector2<f64>; RINGS]) -> (
         product += harmonics[ring] * (-2.0 * weight * slope);
         square += weight * slope * slope;
     }
-    let offset = if square > 0.0 {
-        product / square
-    } else {
-        Vector2::zeros()
-    };
+    let offset = if square > 0.0 { product / square } else { Vector2::zeros() };
     // Linear only for a shift of about a ring.
     (offset.cap_magnitude(1.0), square)
 }

@@ -81,19 +81,14 @@ impl Segmentation {
         for row in 0..window.height {
             let range = row * window.width..(row + 1) * window.width;
             let level = background.row(window, row);
-            let pixels = self.smooth[range.clone()]
-                .iter()
-                .zip(&self.bins[range.clone()]);
-            for ((foreground, (value, bin)), level) in
-                self.foreground[range].iter_mut().zip(pixels).zip(level)
-            {
+            let pixels = self.smooth[range.clone()].iter().zip(&self.bins[range.clone()]);
+            for ((foreground, (value, bin)), level) in self.foreground[range].iter_mut().zip(pixels).zip(level) {
                 let expected = level + background.radial[usize::from(*bin)];
                 let differs = (f32::from(*value) * (1.0 / LEVELS) - expected).abs() > threshold;
                 *foreground = u8::from(differs & (*bin > 0));
             }
         }
-        self.blobs
-            .drop_specks(&mut self.foreground, window.width, blob_px_min);
+        self.blobs.drop_specks(&mut self.foreground, window.width, blob_px_min);
         Ok(background)
     }
 
@@ -148,10 +143,7 @@ impl Segmentation {
             for i in 0..6 {
                 normal[(i, i)] += 1e-3 * count as f32;
             }
-            let change = normal
-                .cholesky()
-                .ok_or(ImageFault::NoBackground)?
-                .solve(&target);
+            let change = normal.cholesky().ok_or(ImageFault::NoBackground)?.solve(&target);
             for (coefficient, change) in quadratic.iter_mut().zip(change.iter()) {
                 *coefficient += change;
             }
@@ -159,11 +151,7 @@ impl Segmentation {
         if share(inliers) < BACKGROUND_RATIO_MIN {
             return Err(ImageFault::NoBackground);
         }
-        let mut background = Background {
-            quadratic,
-            radial: vec![0.0; 256],
-            sigma: 0.0,
-        };
+        let mut background = Background { quadratic, radial: vec![0.0; 256], sigma: 0.0 };
         self.fit_walls(&mut background);
         Ok(background)
     }
@@ -203,31 +191,16 @@ impl Segmentation {
     }
 
     /// Takes a disc of the tray frame out of the foreground.
-    pub(super) fn clear_disc(
-        &mut self,
-        view: &View,
-        height_m: f64,
-        centre: Point2<f64>,
-        radius_m: f64,
-    ) {
-        let (Some(pixel), Some(px_from_tray)) = (
-            view.pixel(centre, height_m),
-            view.px_from_tray(centre, height_m),
-        ) else {
+    pub(super) fn clear_disc(&mut self, view: &View, height_m: f64, centre: Point2<f64>, radius_m: f64) {
+        let (Some(pixel), Some(px_from_tray)) = (view.pixel(centre, height_m), view.px_from_tray(centre, height_m))
+        else {
             return;
         };
         let radius_px = radius_m * px_from_tray.determinant().abs().sqrt();
-        let Window {
-            left,
-            top,
-            width,
-            height,
-        } = self.window;
+        let Window { left, top, width, height } = self.window;
         let middle = pixel - Vector2::new(left as f64, top as f64);
         for row in clip(middle.y - radius_px, middle.y + radius_px, height) {
-            let half = (radius_px.powi(2) - (row as f64 - middle.y).powi(2))
-                .max(0.0)
-                .sqrt();
+            let half = (radius_px.powi(2) - (row as f64 - middle.y).powi(2)).max(0.0).sqrt();
             let columns = clip(middle.x - half, middle.x + half, width);
             self.foreground[row * width + columns.start..row * width + columns.end].fill(0);
         }
@@ -235,12 +208,7 @@ impl Segmentation {
 
     /// Where the tray frame shows foreground further than `strip_px` from the plateau's edges: both ends of every run of
     /// pixels, and points between them.
-    pub(super) fn foreground_points(
-        &self,
-        view: &View,
-        height_m: f64,
-        strip_px: f64,
-    ) -> Vec<Point2<f64>> {
+    pub(super) fn foreground_points(&self, view: &View, height_m: f64, strip_px: f64) -> Vec<Point2<f64>> {
         const SPACING: usize = 4;
         let width = self.window.width;
         let strip_m = strip_px * view.camera.m_per_px(height_m);
@@ -250,22 +218,15 @@ impl Segmentation {
             let mut column = 0;
             while let Some(skip) = pixels[column..].iter().position(|p| *p != 0) {
                 let start = column + skip;
-                let length = pixels[start..]
-                    .iter()
-                    .position(|p| *p == 0)
-                    .unwrap_or(width - start);
+                let length = pixels[start..].iter().position(|p| *p == 0).unwrap_or(width - start);
                 column = start + length;
                 for place in (start..column - 1).step_by(SPACING).chain([column - 1]) {
-                    let place = Point2::new(
-                        (self.window.left + place) as f64,
-                        (self.window.top + row) as f64,
-                    );
+                    let place = Point2::new((self.window.left + place) as f64, (self.window.top + row) as f64);
                     let Some(point) = view.tray_point(place, height_m) else {
                         continue;
                     };
                     let radius_m = point.coords.norm();
-                    let from_walls_m = (geometry.outer_radius_m - radius_m)
-                        .min(radius_m - geometry.inner_radius_m);
+                    let from_walls_m = (geometry.outer_radius_m - radius_m).min(radius_m - geometry.inner_radius_m);
                     if from_walls_m.min(view.tray.inside_sector_m(point)) > strip_m {
                         points.push(point);
                     }
@@ -323,11 +284,7 @@ impl Background {
 
 /// The whole numbers from `low` to `high` within 0..`size`.
 fn clip(low: f64, high: f64, size: usize) -> std::ops::Range<usize> {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a float cast saturates"
-    )]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
     let (low, high) = (low.ceil() as usize, (high.floor() + 1.0) as usize);
     low.min(size)..high.min(size).max(low.min(size))
 }
@@ -348,16 +305,9 @@ fn evaluate(coefficients: &[f32; 6], basis: &[f32; 6]) -> f32 {
 /// The most frequent grey level, looked at through a window of some levels.
 fn mode(histogram: &[usize; 256]) -> f32 {
     const HALF: usize = 8;
-    let mass = |centre: usize| {
-        histogram[centre.saturating_sub(HALF)..=(centre + HALF).min(255)]
-            .iter()
-            .sum::<usize>()
-    };
+    let mass = |centre: usize| histogram[centre.saturating_sub(HALF)..=(centre + HALF).min(255)].iter().sum::<usize>();
     // The first of the highest, so that ties do not depend on the iterator.
-    let best = (0..256)
-        .rev()
-        .max_by_key(|centre| mass(*centre))
-        .unwrap_or(0);
+    let best = (0..256).rev().max_by_key(|centre| mass(*centre)).unwrap_or(0);
     best as f32
 }
 
@@ -378,13 +328,8 @@ fn smooth(image: &GrayImage, window: Window, smooth: &mut [i16]) {
     let mut columns = vec![0_i16; window.width + 2];
     for (row, smooth) in smooth.chunks_mut(window.width).enumerate() {
         let start = (window.top + row - 1) * stride + window.left - 1;
-        let line = |offset: usize| {
-            &pixels[start + offset * stride..start + offset * stride + window.width + 2]
-        };
-        for (column, ((above, middle), below)) in columns
-            .iter_mut()
-            .zip(line(0).iter().zip(line(1)).zip(line(2)))
-        {
+        let line = |offset: usize| &pixels[start + offset * stride..start + offset * stride + window.width + 2];
+        for (column, ((above, middle), below)) in columns.iter_mut().zip(line(0).iter().zip(line(1)).zip(line(2))) {
             *column = i16::from(*above) + 2 * i16::from(*middle) + i16::from(*below);
         }
         for (smooth, columns) in smooth.iter_mut().zip(columns.windows(3)) {

@@ -91,42 +91,20 @@ pub fn teach(
     tray: &MountedTray,
     spec: TeachSpec,
 ) -> Result<PartModel, TeachError> {
-    require(
-        (5e-4..=0.2).contains(&spec.diameter_m),
-        "teach.diameter_m",
-        spec.diameter_m,
-        "5e-4 to 0.2 m",
-    )?;
-    require(
-        (0.0..=0.1).contains(&spec.height_m),
-        "teach.height_m",
-        spec.height_m,
-        "0 to 0.1 m",
-    )?;
+    require((5e-4..=0.2).contains(&spec.diameter_m), "teach.diameter_m", spec.diameter_m, "5e-4 to 0.2 m")?;
+    require((0.0..=0.1).contains(&spec.height_m), "teach.height_m", spec.height_m, "0 to 0.1 m")?;
     tray.validate()?;
     require_above(camera, tray)?;
-    let size = PartSize {
-        diameter_m: spec.diameter_m,
-        height_m: spec.height_m,
-    };
+    let size = PartSize { diameter_m: spec.diameter_m, height_m: spec.height_m };
     let mut detector = Detector::new(camera, tray);
     let pose_count = frames.iter().map(|frame| frame.pose + 1).max().unwrap_or(1);
     let mut faces: Vec<Vec<Face>> = vec![Vec::new(); pose_count];
     let mut diameters = Vec::new();
     for (index, frame) in frames.iter().enumerate() {
         let (discs, background) = detector
-            .discs(
-                frame.image,
-                &frame.platen_from_tray,
-                size,
-                spec.contrast_min_levels,
-            )
+            .discs(frame.image, &frame.platen_from_tray, size, spec.contrast_min_levels)
             .map_err(|source| TeachError::Frame { index, source })?;
-        let view = View {
-            camera,
-            tray,
-            platen_from_tray: frame.platen_from_tray,
-        };
+        let view = View { camera, tray, platen_from_tray: frame.platen_from_tray };
         let height_m = size.face_height_m(tray);
         for disc in &discs {
             let near = |other: &&Disc| {
@@ -136,14 +114,9 @@ pub fn teach(
             if disc.support < TEACH_SUPPORT_MIN || discs.iter().any(|other| near(&other)) {
                 continue;
             }
-            if let Some(face) = sample_face(
-                &detector.segmentation,
-                &background,
-                &view,
-                height_m,
-                disc.centre,
-                spec.diameter_m / 2.0,
-            ) {
+            if let Some(face) =
+                sample_face(&detector.segmentation, &background, &view, height_m, disc.centre, spec.diameter_m / 2.0)
+            {
                 faces[frame.pose].push(face);
                 diameters.push(2.0 * disc.radius_m);
             }
@@ -152,45 +125,24 @@ pub fn teach(
     let mut poses = Vec::with_capacity(pose_count);
     for (pose, faces) in faces.iter().enumerate() {
         if faces.is_empty() {
-            return Err(TeachError::NoPart {
-                pose,
-                diameter_m: spec.diameter_m,
-            });
+            return Err(TeachError::NoPart { pose, diameter_m: spec.diameter_m });
         }
         let ring = |ring: usize| moments(faces.iter().map(|face| face.rings[ring]));
         let (ring_brightness, ring_deviation) = (0..RINGS).map(ring).unzip();
-        poses.push(PoseTemplate {
-            ring_brightness,
-            ring_deviation,
-        });
+        poses.push(PoseTemplate { ring_brightness, ring_deviation });
     }
     for second in 1..poses.len() {
         for first in 0..second {
             let correlation = poses[first].correlation(&poses[second].ring_brightness);
             if correlation > FACE_CORRELATION_MAX {
-                return Err(TeachError::Alike {
-                    first,
-                    second,
-                    correlation,
-                });
+                return Err(TeachError::Alike { first, second, correlation });
             }
         }
     }
     let (seen_diameter_m, deviation_m) = moments(diameters.iter().copied());
-    let diameter_tolerance_m =
-        (DIAMETER_SIGMAS * deviation_m).max(DIAMETER_TOLERANCE_RATIO * seen_diameter_m);
-    let TeachSpec {
-        diameter_m,
-        height_m,
-        ..
-    } = spec;
-    Ok(PartModel {
-        diameter_m,
-        seen_diameter_m,
-        diameter_tolerance_m,
-        height_m,
-        poses,
-    })
+    let diameter_tolerance_m = (DIAMETER_SIGMAS * deviation_m).max(DIAMETER_TOLERANCE_RATIO * seen_diameter_m);
+    let TeachSpec { diameter_m, height_m, .. } = spec;
+    Ok(PartModel { diameter_m, seen_diameter_m, diameter_tolerance_m, height_m, poses })
 }
 
 /// Mean and standard deviation.

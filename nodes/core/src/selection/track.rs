@@ -39,33 +39,14 @@ impl Default for TrackerConfig {
 
 impl TrackerConfig {
     pub(super) fn validate(&self) -> Result<(), InvalidValue> {
-        require(
-            (0.0..1.0).contains(&self.memory),
-            "selector.tracker.memory",
-            self.memory,
-            "0 to below 1",
-        )?;
+        require((0.0..1.0).contains(&self.memory), "selector.tracker.memory", self.memory, "0 to below 1")?;
         for (field, value) in [
             ("selector.tracker.gate_m", self.gate_m),
-            (
-                "selector.tracker.measurement_sigma_m",
-                self.measurement_sigma_m,
-            ),
-            (
-                "selector.tracker.acceleration_sigma_m_s2",
-                self.acceleration_sigma_m_s2,
-            ),
-            (
-                "selector.tracker.velocity_sigma_m_s",
-                self.velocity_sigma_m_s,
-            ),
+            ("selector.tracker.measurement_sigma_m", self.measurement_sigma_m),
+            ("selector.tracker.acceleration_sigma_m_s2", self.acceleration_sigma_m_s2),
+            ("selector.tracker.velocity_sigma_m_s", self.velocity_sigma_m_s),
         ] {
-            require(
-                value > 0.0 && value <= 100.0,
-                field,
-                value,
-                "above 0 up to 100",
-            )?;
+            require(value > 0.0 && value <= 100.0, field, value, "above 0 up to 100")?;
         }
         Ok(())
     }
@@ -121,24 +102,13 @@ struct Track {
 }
 
 impl Track {
-    fn start(
-        id: u64,
-        stamp_s: f64,
-        candidate: &Candidate,
-        pose_count: usize,
-        config: &TrackerConfig,
-    ) -> Self {
+    fn start(id: u64, stamp_s: f64, candidate: &Candidate, pose_count: usize, config: &TrackerConfig) -> Self {
         Self {
             id,
             stamp_s,
             position: candidate.centre(),
             velocity: Vector2::zeros(),
-            covariance: Matrix2::new(
-                config.measurement_sigma_m.powi(2),
-                0.0,
-                0.0,
-                config.velocity_sigma_m_s.powi(2),
-            ),
+            covariance: Matrix2::new(config.measurement_sigma_m.powi(2), 0.0, 0.0, config.velocity_sigma_m_s.powi(2)),
             evidence: vec![0.0; pose_count],
             evidence_total: 0.0,
             frames_seen: 0,
@@ -190,10 +160,7 @@ impl Track {
             return (None, 0.0);
         };
         let lead = most - (total - most);
-        (
-            Some(pose),
-            (lead / (self.evidence_total + DOUBT_FRAMES)).clamp(0.0, 1.0),
-        )
+        (Some(pose), (lead / (self.evidence_total + DOUBT_FRAMES)).clamp(0.0, 1.0))
     }
 }
 
@@ -208,20 +175,11 @@ pub(super) struct Tracker {
 
 impl Tracker {
     pub(super) fn new(config: TrackerConfig, pose_count: usize) -> Self {
-        Self {
-            config,
-            pose_count,
-            next_id: 1,
-            tracks: Vec::new(),
-        }
+        Self { config, pose_count, next_id: 1, tracks: Vec::new() }
     }
 
     /// Takes in what a frame shows; returns the tracks it shows, by identity.
-    pub(super) fn update(
-        &mut self,
-        stamp_s: f64,
-        candidates: &[Candidate],
-    ) -> Vec<TrackedCandidate> {
+    pub(super) fn update(&mut self, stamp_s: f64, candidates: &[Candidate]) -> Vec<TrackedCandidate> {
         for track in &mut self.tracks {
             track.predict(stamp_s, &self.config);
             track.missed += 1;
@@ -249,13 +207,7 @@ impl Tracker {
         }
         for (index, candidate) in candidates.iter().enumerate() {
             if !taken[index] {
-                let track = Track::start(
-                    self.next_id,
-                    stamp_s,
-                    candidate,
-                    self.pose_count,
-                    &self.config,
-                );
+                let track = Track::start(self.next_id, stamp_s, candidate, self.pose_count, &self.config);
                 self.next_id += 1;
                 self.tracks.push(track);
                 shown.push(Some(index));

@@ -48,9 +48,7 @@ impl View<'_> {
 
     /// How the pixel moves with the point, px/m.
     pub(super) fn px_from_tray(&self, point: Point2<f64>, height_m: f64) -> Option<Matrix2<f64>> {
-        let px_from_platen = self
-            .camera
-            .projection_jacobian(self.in_platen(point, height_m))?;
+        let px_from_platen = self.camera.projection_jacobian(self.in_platen(point, height_m))?;
         Some(px_from_platen * self.platen_from_tray.rotation.to_rotation_matrix().matrix())
     }
 
@@ -62,42 +60,27 @@ impl View<'_> {
     /// The pixels that may see the plateau; `None` if none does.
     pub(super) fn plateau_window(&self) -> Option<Window> {
         let geometry = &self.tray.geometry;
-        let (mut low, mut high) = (
-            Vector2::repeat(f64::INFINITY),
-            Vector2::repeat(f64::NEG_INFINITY),
-        );
+        let (mut low, mut high) = (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY));
         for step in 0..=OUTLINE_STEPS {
             let share = f64::from(step) / f64::from(OUTLINE_STEPS);
             let psi_rad = geometry.ramp_angle_rad + share * (TAU - geometry.ramp_angle_rad);
             let (sin, cos) = psi_rad.sin_cos();
             for radius_m in [geometry.inner_radius_m, geometry.outer_radius_m] {
-                let pixel = self.pixel(
-                    Point2::new(radius_m * cos, radius_m * sin),
-                    self.tray.plateau_height_m(),
-                )?;
+                let pixel = self.pixel(Point2::new(radius_m * cos, radius_m * sin), self.tray.plateau_height_m())?;
                 low = low.inf(&pixel.coords);
                 high = high.sup(&pixel.coords);
             }
         }
         let range = |low: f64, high: f64, size: u32| {
             let last = size as usize - 1 - BORDER_PX;
-            #[expect(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "a float cast saturates"
-            )]
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
             let (low, high) = (low.floor() as usize, high.ceil().max(0.0) as usize);
             let (low, high) = (low.max(BORDER_PX), high.min(last));
             (low <= high).then(|| (low, high + 1 - low))
         };
         let (left, width) = range(low.x, high.x, self.camera.width_px())?;
         let (top, height) = range(low.y, high.y, self.camera.height_px())?;
-        Some(Window {
-            left,
-            top,
-            width,
-            height,
-        })
+        Some(Window { left, top, width, height })
     }
 }
 
@@ -116,74 +99,41 @@ impl RayTable {
         for row in 0..camera.height_px() {
             for column in 0..camera.width_px() {
                 let ray = camera.ray(Point2::new(f64::from(column), f64::from(row)));
-                let ray = ray
-                    .unwrap_or(Vector2::repeat(f64::NAN))
-                    .map(crate::camera::single);
+                let ray = ray.unwrap_or(Vector2::repeat(f64::NAN)).map(crate::camera::single);
                 x.push(ray.x);
                 y.push(ray.y);
             }
         }
-        Self {
-            width: camera.width_px() as usize,
-            x,
-            y,
-        }
+        Self { width: camera.width_px() as usize, x, y }
     }
 
     /// For each pixel of a row of the window: 0 off the plateau, otherwise 1 + the distance from the inner wall in units
     /// of `bin_m`.
-    pub(super) fn plateau_row(
-        &self,
-        view: &View,
-        window: Window,
-        row: usize,
-        bin_m: f64,
-        bins: &mut [u8],
-    ) {
+    pub(super) fn plateau_row(&self, view: &View, window: Window, row: usize, bin_m: f64, bins: &mut [u8]) {
         let single = crate::camera::single;
         let geometry = &view.tray.geometry;
         let pose = view.camera.pose();
-        let eye = view
-            .platen_from_tray
-            .inverse_transform_point(&Point2::new(pose.x_m, pose.y_m))
-            .map(single);
+        let eye = view.platen_from_tray.inverse_transform_point(&Point2::new(pose.x_m, pose.y_m)).map(single);
         let depth_m = pose.height_m - view.tray.plateau_height_m();
         let yaw = view.platen_from_tray.rotation;
         let (cos, sin) = (single(yaw.re * depth_m), single(yaw.im * depth_m));
         let (ramp_sin, ramp_cos) = geometry.ramp_angle_rad.sin_cos();
         let (ramp_sin, ramp_cos) = (single(ramp_sin), single(ramp_cos));
         let wide = geometry.ramp_angle_rad < std::f64::consts::PI;
-        let (inner, outer) = (
-            single(geometry.inner_radius_m),
-            single(geometry.outer_radius_m),
-        );
+        let (inner, outer) = (single(geometry.inner_radius_m), single(geometry.outer_radius_m));
         let bins_per_m = single(1.0 / bin_m);
         let start = (window.top + row) * self.width + window.left;
-        let rays = self.x[start..start + window.width]
-            .iter()
-            .zip(&self.y[start..start + window.width]);
+        let rays = self.x[start..start + window.width].iter().zip(&self.y[start..start + window.width]);
         for (bin, (ray_x, ray_y)) in bins.iter_mut().zip(rays) {
             let x = eye.x + cos * ray_x + sin * ray_y;
             let y = eye.y + cos * ray_y - sin * ray_x;
             let radius = (x * x + y * y).sqrt();
             let beyond_ramp = ramp_cos * y - ramp_sin * x;
-            let sector = if wide {
-                (-y).max(beyond_ramp)
-            } else {
-                (-y).min(beyond_ramp)
-            };
+            let sector = if wide { (-y).max(beyond_ramp) } else { (-y).min(beyond_ramp) };
             let inside = (sector > 0.0) & (radius > inner) & (radius < outer);
-            #[expect(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "a float cast saturates"
-            )]
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
             let distance = ((radius - inner) * bins_per_m) as u8;
-            *bin = if inside {
-                distance.saturating_add(1)
-            } else {
-                0
-            };
+            *bin = if inside { distance.saturating_add(1) } else { 0 };
         }
     }
 }

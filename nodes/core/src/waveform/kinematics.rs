@@ -26,18 +26,10 @@ pub(super) struct Knot {
 
 /// Motion at the start of each segment and at the end of the period, with velocity and position of zero mean.
 pub(super) fn knots(segments: &[Segment]) -> Vec<Knot> {
-    let mut knots = vec![Knot {
-        time_s: 0.0,
-        velocity: 0.0,
-        position: 0.0,
-    }];
+    let mut knots = vec![Knot { time_s: 0.0, velocity: 0.0, position: 0.0 }];
     let mut position_mean = 0.0;
     let mut last = knots[0];
-    for &Segment {
-        duration_s: d,
-        acceleration: a,
-    } in segments
-    {
+    for &Segment { duration_s: d, acceleration: a } in segments {
         position_mean += d * (last.position + d * (last.velocity / 2.0 + d * a / 6.0));
         last = Knot {
             time_s: last.time_s + d,
@@ -81,16 +73,8 @@ impl Waveform {
     #[must_use]
     pub fn state_at(&self, time_s: f64) -> AxisState {
         let time_s = time_s.rem_euclid(self.period_s());
-        let index = self
-            .knots
-            .partition_point(|knot| knot.time_s <= time_s)
-            .clamp(1, self.segments.len())
-            - 1;
-        let Knot {
-            time_s: start_s,
-            velocity,
-            position,
-        } = self.knots[index];
+        let index = self.knots.partition_point(|knot| knot.time_s <= time_s).clamp(1, self.segments.len()) - 1;
+        let Knot { time_s: start_s, velocity, position } = self.knots[index];
         let acceleration = self.segments[index].acceleration;
         let t = time_s - start_s;
         AxisState {
@@ -112,26 +96,20 @@ impl Waveform {
     pub fn stroke(&self) -> f64 {
         let (low, high) = self
             .extreme_positions()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| {
-                (low.min(p), high.max(p))
-            });
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
         high - low
     }
 
     /// Largest magnitude of velocity.
     #[must_use]
     pub fn peak_speed(&self) -> f64 {
-        self.knots
-            .iter()
-            .fold(0.0, |peak, knot| knot.velocity.abs().max(peak))
+        self.knots.iter().fold(0.0, |peak, knot| knot.velocity.abs().max(peak))
     }
 
     /// Largest magnitude of acceleration.
     #[must_use]
     pub fn peak_acceleration(&self) -> f64 {
-        self.segments
-            .iter()
-            .fold(0.0, |peak, segment| segment.acceleration.abs().max(peak))
+        self.segments.iter().fold(0.0, |peak, segment| segment.acceleration.abs().max(peak))
     }
 
     /// Largest distance from the mean position.
@@ -168,16 +146,11 @@ impl Waveform {
 
     /// Positions at the knots and where the velocity changes sign: the extremes are among them.
     fn extreme_positions(&self) -> impl Iterator<Item = f64> {
-        let turns = self
-            .knots
-            .windows(2)
-            .zip(&self.segments)
-            .filter_map(|(ends, segment)| {
-                let (from, to) = (ends[0], ends[1]);
-                (from.velocity * to.velocity < 0.0).then(|| {
-                    from.position - from.velocity * from.velocity / (2.0 * segment.acceleration)
-                })
-            });
+        let turns = self.knots.windows(2).zip(&self.segments).filter_map(|(ends, segment)| {
+            let (from, to) = (ends[0], ends[1]);
+            (from.velocity * to.velocity < 0.0)
+                .then(|| from.position - from.velocity * from.velocity / (2.0 * segment.acceleration))
+        });
         self.knots.iter().map(|knot| knot.position).chain(turns)
     }
 
@@ -196,13 +169,7 @@ mod tests {
         prop::collection::vec((1e-4..0.1f64, -50.0..50.0f64), 2..8).prop_map(|raw| {
             let period_s: f64 = raw.iter().map(|r| r.0).sum();
             let mean: f64 = raw.iter().map(|r| r.0 * r.1).sum::<f64>() / period_s;
-            let segments = raw
-                .iter()
-                .map(|r| Segment {
-                    duration_s: r.0,
-                    acceleration: r.1 - mean,
-                })
-                .collect();
+            let segments = raw.iter().map(|r| Segment { duration_s: r.0, acceleration: r.1 - mean }).collect();
             Waveform::new(Axis::X, segments).unwrap()
         })
     }
@@ -211,10 +178,7 @@ mod tests {
     fn mean_over_period(waveform: &Waveform, quantity: impl Fn(AxisState) -> f64) -> f64 {
         let n = 20_000u32;
         let step = waveform.period_s() / f64::from(n);
-        (0..n)
-            .map(|i| quantity(waveform.state_at(step * (f64::from(i) + 0.5))))
-            .sum::<f64>()
-            / f64::from(n)
+        (0..n).map(|i| quantity(waveform.state_at(step * (f64::from(i) + 0.5)))).sum::<f64>() / f64::from(n)
     }
 
     proptest! {

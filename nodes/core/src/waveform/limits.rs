@@ -18,11 +18,8 @@ pub struct AxisLimits {
 
 impl AxisLimits {
     /// No limit at all.
-    pub const NONE: Self = Self {
-        max_acceleration: f64::INFINITY,
-        max_speed: f64::INFINITY,
-        max_stroke: f64::INFINITY,
-    };
+    pub const NONE: Self =
+        Self { max_acceleration: f64::INFINITY, max_speed: f64::INFINITY, max_stroke: f64::INFINITY };
 }
 
 /// A waveform asks for more than the axis can do.
@@ -45,25 +42,13 @@ impl Waveform {
     /// The first quantity beyond its limit, in the order acceleration, speed, stroke.
     pub fn check(&self, limits: &AxisLimits) -> Result<(), LimitExceeded> {
         [
-            (
-                "peak acceleration",
-                self.peak_acceleration(),
-                limits.max_acceleration,
-            ),
+            ("peak acceleration", self.peak_acceleration(), limits.max_acceleration),
             ("peak speed", self.peak_speed(), limits.max_speed),
             ("stroke", self.stroke(), limits.max_stroke),
         ]
         .into_iter()
         .try_for_each(|(quantity, value, limit)| {
-            if value <= limit * (1.0 + 1e-9) {
-                Ok(())
-            } else {
-                Err(LimitExceeded {
-                    quantity,
-                    value,
-                    limit,
-                })
-            }
+            if value <= limit * (1.0 + 1e-9) { Ok(()) } else { Err(LimitExceeded { quantity, value, limit }) }
         })
     }
 }
@@ -78,33 +63,9 @@ mod tests {
         let waveform = Waveform::stick_slip(Axis::Yaw, 0.1, 9.0, 66.7).unwrap();
         assert_eq!(waveform.check(&AxisLimits::NONE), Ok(()));
         let exceeded = |limits: AxisLimits| waveform.check(&limits).unwrap_err().quantity;
-        assert_eq!(
-            exceeded(AxisLimits {
-                max_acceleration: 66.0,
-                ..AxisLimits::NONE
-            }),
-            "peak acceleration"
-        );
-        assert_eq!(
-            exceeded(AxisLimits {
-                max_speed: 0.39,
-                ..AxisLimits::NONE
-            }),
-            "peak speed"
-        );
-        assert_eq!(
-            exceeded(AxisLimits {
-                max_stroke: 0.0099,
-                ..AxisLimits::NONE
-            }),
-            "stroke"
-        );
-        assert_eq!(
-            exceeded(AxisLimits {
-                max_stroke: f64::NAN,
-                ..AxisLimits::NONE
-            }),
-            "stroke"
-        );
+        assert_eq!(exceeded(AxisLimits { max_acceleration: 66.0, ..AxisLimits::NONE }), "peak acceleration");
+        assert_eq!(exceeded(AxisLimits { max_speed: 0.39, ..AxisLimits::NONE }), "peak speed");
+        assert_eq!(exceeded(AxisLimits { max_stroke: 0.0099, ..AxisLimits::NONE }), "stroke");
+        assert_eq!(exceeded(AxisLimits { max_stroke: f64::NAN, ..AxisLimits::NONE }), "stroke");
     }
 }

@@ -71,10 +71,7 @@ impl TryFrom<Description> for Waveform {
 
 impl From<Waveform> for Description {
     fn from(waveform: Waveform) -> Self {
-        Self {
-            axis: waveform.axis,
-            segments: waveform.segments,
-        }
+        Self { axis: waveform.axis, segments: waveform.segments }
     }
 }
 
@@ -124,26 +121,17 @@ impl Waveform {
         }
         for (index, segment) in segments.iter().enumerate() {
             OutOfRange::unless_positive("duration_s", segment.duration_s)
-                .and_then(|_| {
-                    OutOfRange::unless(true, "acceleration", segment.acceleration, "finite")
-                })
+                .and_then(|_| OutOfRange::unless(true, "acceleration", segment.acceleration, "finite"))
                 .map_err(|source| WaveformError::Segment { index, source })?;
         }
         let change: f64 = segments.iter().map(|s| s.acceleration * s.duration_s).sum();
-        let variation: f64 = segments
-            .iter()
-            .map(|s| s.acceleration.abs() * s.duration_s)
-            .sum();
+        let variation: f64 = segments.iter().map(|s| s.acceleration.abs() * s.duration_s).sum();
         let allowed = variation * Self::CLOSING_TOLERANCE;
         if change.abs() > allowed {
             return Err(WaveformError::NotClosed { change, allowed });
         }
         let knots = kinematics::knots(&segments);
-        Ok(Self {
-            axis,
-            segments,
-            knots,
-        })
+        Ok(Self { axis, segments, knots })
     }
 
     /// The driven axis.
@@ -167,22 +155,10 @@ mod tests {
     fn refuses_what_does_not_close() {
         let error = Waveform::new(
             Axis::X,
-            vec![
-                Segment {
-                    duration_s: 0.01,
-                    acceleration: 1.0,
-                },
-                Segment {
-                    duration_s: 0.01,
-                    acceleration: -0.9,
-                },
-            ],
+            vec![Segment { duration_s: 0.01, acceleration: 1.0 }, Segment { duration_s: 0.01, acceleration: -0.9 }],
         )
         .unwrap_err();
-        assert!(
-            matches!(error, WaveformError::NotClosed { change, .. } if (change - 0.001).abs() < 1e-12),
-            "{error}"
-        );
+        assert!(matches!(error, WaveformError::NotClosed { change, .. } if (change - 0.001).abs() < 1e-12), "{error}");
     }
 
     #[test]
@@ -193,21 +169,9 @@ mod tests {
             (f64::NAN, 1.0, "duration_s"),
             (0.1, f64::NAN, "acceleration"),
         ] {
-            let segments = vec![
-                Segment {
-                    duration_s: 0.1,
-                    acceleration: 0.0,
-                },
-                Segment {
-                    duration_s,
-                    acceleration,
-                },
-            ];
+            let segments = vec![Segment { duration_s: 0.1, acceleration: 0.0 }, Segment { duration_s, acceleration }];
             let text = Waveform::new(Axis::Yaw, segments).unwrap_err().to_string();
-            assert!(
-                text.starts_with("segment 1: ") && text.contains(word) && text.contains("range"),
-                "{text}"
-            );
+            assert!(text.starts_with("segment 1: ") && text.contains(word) && text.contains("range"), "{text}");
         }
         assert_eq!(Waveform::new(Axis::X, vec![]), Err(WaveformError::Empty));
     }

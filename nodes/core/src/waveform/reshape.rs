@@ -11,10 +11,7 @@ impl Waveform {
     /// If `factor` is not positive and finite.
     pub fn scaled(&self, factor: f64) -> Result<Self, WaveformError> {
         OutOfRange::unless_positive("factor", factor)?;
-        let segments = self.segments.iter().map(|s| Segment {
-            acceleration: s.acceleration * factor,
-            ..*s
-        });
+        let segments = self.segments.iter().map(|s| Segment { acceleration: s.acceleration * factor, ..*s });
         Self::new(self.axis, segments.collect())
     }
 
@@ -44,9 +41,7 @@ impl Waveform {
         OutOfRange::unless(steps > 0, "steps", f64::from(steps), "at least 1")?;
         let mut edges: Vec<f64> = self
             .jumps_s()
-            .flat_map(|jump_s| {
-                (0..=steps).map(move |i| jump_s + slew_s * (f64::from(i) / f64::from(steps) - 0.5))
-            })
+            .flat_map(|jump_s| (0..=steps).map(move |i| jump_s + slew_s * (f64::from(i) / f64::from(steps) - 0.5)))
             .map(|edge_s| edge_s.rem_euclid(period_s))
             .chain([0.0, period_s])
             .collect();
@@ -57,8 +52,7 @@ impl Waveform {
             *last = period_s;
         }
         let half = slew_s / 2.0;
-        let velocity =
-            |t: f64| (self.state_at(t + half).position - self.state_at(t - half).position) / slew_s;
+        let velocity = |t: f64| (self.state_at(t + half).position - self.state_at(t - half).position) / slew_s;
         self.between(&edges, velocity)
     }
 
@@ -83,15 +77,10 @@ impl Waveform {
         let samples = whole.ok_or_else(|| OutOfRange {
             parameter: "sample_s",
             value: sample_s,
-            allowed: format!(
-                "a whole number of samples in {PERIODS_MAX} periods of {period_s} s or fewer"
-            ),
+            allowed: format!("a whole number of samples in {PERIODS_MAX} periods of {period_s} s or fewer"),
         })?;
-        let edges: Vec<f64> = (0u32..)
-            .map(f64::from)
-            .take_while(|&i| i <= samples.round())
-            .map(|i| i * sample_s)
-            .collect();
+        let edges: Vec<f64> =
+            (0u32..).map(f64::from).take_while(|&i| i <= samples.round()).map(|i| i * sample_s).collect();
         self.between(&edges, |t| self.state_at(t).velocity)
     }
 
@@ -111,19 +100,12 @@ impl Waveform {
     }
 
     /// Piecewise-constant acceleration that gives the periodic `velocity` at every edge.
-    fn between(
-        &self,
-        edges_s: &[f64],
-        velocity: impl Fn(f64) -> f64,
-    ) -> Result<Self, WaveformError> {
+    fn between(&self, edges_s: &[f64], velocity: impl Fn(f64) -> f64) -> Result<Self, WaveformError> {
         let count = edges_s.len() - 1;
         let speeds: Vec<f64> = edges_s[..count].iter().map(|&t| velocity(t)).collect();
         let segments = (0..count).map(|i| {
             let duration_s = edges_s[i + 1] - edges_s[i];
-            Segment {
-                duration_s,
-                acceleration: (speeds[(i + 1) % count] - speeds[i]) / duration_s,
-            }
+            Segment { duration_s, acceleration: (speeds[(i + 1) % count] - speeds[i]) / duration_s }
         });
         Self::new(self.axis, segments.collect())
     }
@@ -141,18 +123,9 @@ mod tests {
         assert!((sampled.period_s() - 0.1).abs() < 1e-12);
         for i in [0, 17, 66, 67, 133, 199] {
             let t = f64::from(i) * 5e-4;
-            assert!(
-                (sampled.state_at(t).velocity - waveform.state_at(t).velocity).abs() < 1e-6,
-                "sample {i}"
-            );
+            assert!((sampled.state_at(t).velocity - waveform.state_at(t).velocity).abs() < 1e-6, "sample {i}");
         }
-        assert!(
-            waveform
-                .servo_sampled(3.141_592_65e-4)
-                .unwrap_err()
-                .to_string()
-                .contains("sample_s")
-        );
+        assert!(waveform.servo_sampled(3.141_592_65e-4).unwrap_err().to_string().contains("sample_s"));
     }
 
     #[test]
@@ -161,10 +134,7 @@ mod tests {
         let slewed = waveform.slew_limited(1e-3, 8).unwrap();
         assert!((slewed.period_s() - 0.05).abs() < 1e-15);
         for t in [0.002, 0.01, 0.02, 0.03, 0.045] {
-            assert!(
-                (slewed.state_at(t).velocity - waveform.state_at(t).velocity).abs() < 1e-9,
-                "at {t}"
-            );
+            assert!((slewed.state_at(t).velocity - waveform.state_at(t).velocity).abs() < 1e-9, "at {t}");
         }
         assert!(slewed.peak_speed() < waveform.peak_speed());
         // Half-way along a ramp the acceleration is the mean of both sides: −10.3 and +10.3 meet at the period's end.

@@ -28,18 +28,12 @@ struct StickWindow {
 impl OptimalDesign {
     /// Checks the design and gives its stick window.
     fn window(&self) -> Result<StickWindow, OutOfRange> {
-        let Self {
-            friction,
-            slope_rad,
-            gravity_m_s2,
-            limit_m_s2,
-        } = *self;
+        let Self { friction, slope_rad, gravity_m_s2, limit_m_s2 } = *self;
         OutOfRange::unless_positive("friction", friction)?;
         OutOfRange::unless_positive("gravity_m_s2", gravity_m_s2)?;
         let friction_angle = friction.atan();
         OutOfRange::unless(
-            slope_rad.abs() < friction_angle
-                && slope_rad.abs() + friction_angle < std::f64::consts::FRAC_PI_2,
+            slope_rad.abs() < friction_angle && slope_rad.abs() + friction_angle < std::f64::consts::FRAC_PI_2,
             "slope_rad",
             slope_rad,
             format_args!(
@@ -90,26 +84,13 @@ impl Waveform {
     /// # Errors
     ///
     /// If the period is not positive, or not 0 < a_min < a_max.
-    pub fn stick_slip(
-        axis: Axis,
-        period_s: f64,
-        a_min: f64,
-        a_max: f64,
-    ) -> Result<Self, WaveformError> {
+    pub fn stick_slip(axis: Axis, period_s: f64, a_min: f64, a_max: f64) -> Result<Self, WaveformError> {
         OutOfRange::unless_positive("period_s", period_s)?;
         OutOfRange::unless_positive("a_min", a_min)?;
-        OutOfRange::unless(
-            a_max > a_min,
-            "a_max",
-            a_max,
-            format_args!("greater than a_min = {a_min}, and finite"),
-        )?;
+        OutOfRange::unless(a_max > a_min, "a_max", a_max, format_args!("greater than a_min = {a_min}, and finite"))?;
         let forward_s = a_max * period_s / (2.0 * (a_min + a_max));
         let backward_s = period_s * a_min / (a_min + a_max);
-        Self::of(
-            axis,
-            &[(forward_s, a_min), (backward_s, -a_max), (forward_s, a_min)],
-        )
+        Self::of(axis, &[(forward_s, a_min), (backward_s, -a_max), (forward_s, a_min)])
     }
 
     /// The Coulomb pump: +`a` for (1 − z) T/2, 0 for z T, −`a` for (1 − z) T/2 (Quaid Eq. 8).
@@ -139,11 +120,7 @@ impl Waveform {
     ///
     /// If a parameter is not positive, or outside the waveform's validity: |φ| < φ_f < 90° − |φ|, A > k, A ≥ a_s, and
     /// A sin |φ| ≤ g cos φ (contact).
-    pub fn optimal(
-        axis: Axis,
-        period_s: f64,
-        design: &OptimalDesign,
-    ) -> Result<Self, WaveformError> {
+    pub fn optimal(axis: Axis, period_s: f64, design: &OptimalDesign) -> Result<Self, WaveformError> {
         OutOfRange::unless_positive("period_s", period_s)?;
         let StickWindow { forward, backward } = design.window()?;
         let limit = design.limit_m_s2;
@@ -161,10 +138,7 @@ impl Waveform {
 
     /// A waveform from (duration, acceleration) pairs.
     fn of(axis: Axis, pairs: &[(f64, f64)]) -> Result<Self, WaveformError> {
-        let segments = pairs.iter().map(|&(duration_s, acceleration)| Segment {
-            duration_s,
-            acceleration,
-        });
+        let segments = pairs.iter().map(|&(duration_s, acceleration)| Segment { duration_s, acceleration });
         Self::new(axis, segments.collect())
     }
 }
@@ -176,12 +150,7 @@ mod tests {
     const MU_G: f64 = 0.2 * 9.81;
 
     fn flat(limit_over_mu_g: f64) -> OptimalDesign {
-        OptimalDesign {
-            friction: 0.2,
-            slope_rad: 0.0,
-            gravity_m_s2: 9.81,
-            limit_m_s2: limit_over_mu_g * MU_G,
-        }
+        OptimalDesign { friction: 0.2, slope_rad: 0.0, gravity_m_s2: 9.81, limit_m_s2: limit_over_mu_g * MU_G }
     }
 
     #[test]
@@ -201,57 +170,22 @@ mod tests {
     fn val_optimal_speed_stroke_and_peak_of_the_table() {
         // optimal_waveform.csv, linear, flat: A/μg, v (mm/s), stroke (mm), peak speed (mm/s) at T = 1/30 s and μ = 0.2.
         for (a, v, stroke, peak) in [
-            (
-                2.0,
-                6.131_249_999_999_991,
-                0.193_198_242_187_500_04,
-                26.568_750_000_000_01,
-            ),
-            (
-                4.0,
-                15.328_125_000_000_082,
-                0.319_668_579_101_562_54,
-                50.071_875,
-            ),
-            (
-                9.0,
-                36.333_333_333_333_43,
-                0.695_454_389_574_759_9,
-                110.816_666_666_666_68,
-            ),
+            (2.0, 6.131_249_999_999_991, 0.193_198_242_187_500_04, 26.568_750_000_000_01),
+            (4.0, 15.328_125_000_000_082, 0.319_668_579_101_562_54, 50.071_875),
+            (9.0, 36.333_333_333_333_43, 0.695_454_389_574_759_9, 110.816_666_666_666_68),
         ] {
             let waveform = Waveform::optimal(Axis::X, 1.0 / 30.0, &flat(a)).unwrap();
             assert!((flat(a).best_feed_m_s(1.0 / 30.0).unwrap() * 1e3 - v).abs() < 1e-9);
-            assert!(
-                (waveform.stroke() * 1e3 - stroke).abs() < 1e-9,
-                "{}",
-                waveform.stroke()
-            );
-            assert!(
-                (waveform.peak_speed() * 1e3 - peak).abs() < 1e-9,
-                "{}",
-                waveform.peak_speed()
-            );
+            assert!((waveform.stroke() * 1e3 - stroke).abs() < 1e-9, "{}", waveform.stroke());
+            assert!((waveform.peak_speed() * 1e3 - peak).abs() < 1e-9, "{}", waveform.peak_speed());
         }
     }
 
     #[test]
     fn bad_parameters_are_named_with_their_range() {
-        let ss = |t, a, b| {
-            Waveform::stick_slip(Axis::X, t, a, b)
-                .unwrap_err()
-                .to_string()
-        };
-        let cp = |t, a, z| {
-            Waveform::coulomb_pump(Axis::X, t, a, z)
-                .unwrap_err()
-                .to_string()
-        };
-        let opt = |d: OptimalDesign| {
-            Waveform::optimal(Axis::X, 0.05, &d)
-                .unwrap_err()
-                .to_string()
-        };
+        let ss = |t, a, b| Waveform::stick_slip(Axis::X, t, a, b).unwrap_err().to_string();
+        let cp = |t, a, z| Waveform::coulomb_pump(Axis::X, t, a, z).unwrap_err().to_string();
+        let opt = |d: OptimalDesign| Waveform::optimal(Axis::X, 0.05, &d).unwrap_err().to_string();
         for (text, parameter) in [
             (ss(0.0, 1.0, 2.0), "period_s = 0"),
             (ss(0.05, 2.0, 2.0), "a_max = 2"),
@@ -260,26 +194,11 @@ mod tests {
             (cp(0.05, 1.0, 0.0), "z = 0"),
             (cp(0.05, 1.0, 1.0), "z = 1"),
             (cp(0.05, -1.0, 0.5), "a = -1"),
-            (
-                opt(OptimalDesign {
-                    friction: 0.0,
-                    ..flat(4.0)
-                }),
-                "friction = 0",
-            ),
-            (
-                opt(OptimalDesign {
-                    slope_rad: 0.3,
-                    ..flat(4.0)
-                }),
-                "slope_rad = 0.3",
-            ),
+            (opt(OptimalDesign { friction: 0.0, ..flat(4.0) }), "friction = 0"),
+            (opt(OptimalDesign { slope_rad: 0.3, ..flat(4.0) }), "slope_rad = 0.3"),
             (opt(flat(0.9)), "limit_m_s2 = "),
         ] {
-            assert!(
-                text.starts_with(parameter) && text.contains("range"),
-                "{text}"
-            );
+            assert!(text.starts_with(parameter) && text.contains("range"), "{text}");
         }
     }
 }

@@ -3,9 +3,7 @@
 use std::f64::consts::PI;
 
 use feeder_core::motion::{MotionBlock, MotionSample};
-use feeder_core::parts::{
-    BulkSettings, Counters, Loaded, Part, PartBulk, PartSpec, Place, PutError, RestingPose,
-};
+use feeder_core::parts::{BulkSettings, Counters, Loaded, Part, PartBulk, PartSpec, Place, PutError, RestingPose};
 use feeder_core::tray::TrayGeometry;
 use nalgebra::Vector3;
 use proptest::prelude::*;
@@ -14,11 +12,7 @@ use crate::support::{YawVibration, bulk, bulk_of, spec, straight};
 
 /// Deepest overlap of any two parts that are not above each other at the drop-off, as a share of the diameter.
 fn worst_overlap(bulk: &PartBulk) -> f64 {
-    let parts: Vec<_> = bulk
-        .parts()
-        .iter()
-        .filter(|part| part.place != Place::Falling)
-        .collect();
+    let parts: Vec<_> = bulk.parts().iter().filter(|part| part.place != Place::Falling).collect();
     let mut worst: f64 = 0.0;
     for (index, a) in parts.iter().enumerate() {
         for b in &parts[index + 1..] {
@@ -38,18 +32,13 @@ fn fast_vibration() -> YawVibration {
 
 /// One period of [`fast_vibration`] in blocks of 10 ms.
 fn fast_blocks() -> Vec<MotionBlock> {
-    (0..10)
-        .map(|index| fast_vibration().block(20 * index, 20, 5e-4))
-        .collect()
+    (0..10).map(|index| fast_vibration().block(20 * index, 20, 5e-4)).collect()
 }
 
 #[test]
 fn loading_fills_the_band_without_overlap_and_says_what_it_refused() {
     for load_plateau in [false, true] {
-        let settings = BulkSettings {
-            load_plateau,
-            ..BulkSettings::default()
-        };
+        let settings = BulkSettings { load_plateau, ..BulkSettings::default() };
         let mut bulk = bulk_of(spec(0.006, 0.2), settings, 1);
         let Loaded { loaded, refused } = bulk.load(1000);
         assert_eq!(loaded + refused, 1000);
@@ -57,16 +46,8 @@ fn loading_fills_the_band_without_overlap_and_says_what_it_refused() {
         assert_eq!(bulk.counters().loaded, loaded as u64);
         assert!(loaded > 50);
         assert!(worst_overlap(&bulk) <= 0.0);
-        assert!(
-            bulk.parts()
-                .iter()
-                .all(|part| (0.075..=0.087).contains(&part.radius_m()))
-        );
-        let on_plateau = bulk
-            .parts()
-            .iter()
-            .filter(|part| part.place == Place::Plateau)
-            .count();
+        assert!(bulk.parts().iter().all(|part| (0.075..=0.087).contains(&part.radius_m())));
+        let on_plateau = bulk.parts().iter().filter(|part| part.place == Place::Plateau).count();
         assert_eq!(on_plateau > 0, load_plateau);
         let up = bulk.parts().iter().filter(|part| part.pose == 0).count();
         assert!((0.3..0.7).contains(&(up as f64 / loaded as f64)));
@@ -78,34 +59,19 @@ fn putting_needs_room_and_a_pose_that_exists() {
     let mut bulk = bulk(0.006, 1);
     assert_eq!(bulk.put(0.080, 1.0, 0.3, 1), Ok(0));
     let part = bulk.parts()[0];
-    assert_eq!(
-        (part.pose, part.place, part.is_sticking()),
-        (1, Place::Ramp, true)
-    );
+    assert_eq!((part.pose, part.place, part.is_sticking()), (1, Place::Ramp, true));
     for (radius_m, angle_rad) in [(0.080, 1.05), (0.088, 2.0), (0.032, 2.0), (0.080, 0.03)] {
         let refused = bulk.put(radius_m, angle_rad, 0.0, 0);
-        assert_eq!(
-            refused,
-            Err(PutError::NoRoom {
-                radius_m,
-                angle_rad
-            })
-        );
+        assert_eq!(refused, Err(PutError::NoRoom { radius_m, angle_rad }));
     }
     assert!(bulk.put(f64::NAN, 1.0, 0.0, 0).is_err());
-    assert_eq!(
-        bulk.put(0.080, 2.0, 0.0, 2).unwrap_err().to_string(),
-        "pose = 2 is outside the allowed range [0, 2)"
-    );
+    assert_eq!(bulk.put(0.080, 2.0, 0.0, 2).unwrap_err().to_string(), "pose = 2 is outside the allowed range [0, 2)");
     assert_eq!(bulk.counters().loaded, 1);
 }
 
 #[test]
 fn a_crowd_circulates_without_loss_or_overlap() {
-    let settings = BulkSettings {
-        load_plateau: true,
-        ..BulkSettings::default()
-    };
+    let settings = BulkSettings { load_plateau: true, ..BulkSettings::default() };
     let mut bulk = bulk_of(spec(0.005, 0.2), settings, 3);
     let loaded = bulk.load(1000).loaded as u64;
     assert!(loaded > 150, "{loaded}");
@@ -116,14 +82,8 @@ fn a_crowd_circulates_without_loss_or_overlap() {
         let overlap = worst_overlap(&bulk);
         assert!(overlap < 0.02, "{overlap}");
     }
-    let Counters {
-        fed, recirculated, ..
-    } = bulk.counters();
-    assert!(
-        recirculated > loaded && fed > loaded / 2,
-        "{:?}",
-        bulk.counters()
-    );
+    let Counters { fed, recirculated, .. } = bulk.counters();
+    assert!(recirculated > loaded && fed > loaded / 2, "{:?}", bulk.counters());
     // All are still climbing: none was pushed in from the outer wall for good.
     assert!(bulk.parts().iter().all(|part| part.radius_m() > 0.060));
 }
@@ -136,11 +96,7 @@ fn thirty_parts_enter_the_plateau_often_enough() {
         bulk.step(block).unwrap();
     }
     // A lap of 267 mm of ramp and as much plateau at 24 and 29 mm/s takes 20 s: 88 entries a minute, less what queues.
-    assert!(
-        (70..95).contains(&bulk.counters().fed),
-        "{:?}",
-        bulk.counters()
-    );
+    assert!((70..95).contains(&bulk.counters().fed), "{:?}", bulk.counters());
 }
 
 #[test]
@@ -161,10 +117,7 @@ fn the_same_seed_repeats_to_the_bit_and_another_does_not() {
 #[test]
 fn verif_poses_after_the_drop_follow_the_transition_matrix() {
     let matrix = [[0.6, 0.3, 0.1], [0.2, 0.5, 0.3], [0.0, 0.25, 0.75]];
-    let pose = |name: &str, probability| RestingPose {
-        name: name.to_owned(),
-        probability,
-    };
+    let pose = |name: &str, probability| RestingPose { name: name.to_owned(), probability };
     let part = PartSpec {
         wanted_pose: "a".to_owned(),
         resting_poses: vec![pose("a", 0.4), pose("b", 0.4), pose("c", 0.2)],
@@ -209,8 +162,7 @@ fn a_fall_takes_its_time_and_ends_at_the_foot_of_the_ramp() {
     bulk.put(0.080, 6.25, 0.0, 0).unwrap();
     let mut fallen_for = 0_u32;
     for index in 0..1000 {
-        bulk.step(&fast_vibration().block(10 * index, 10, 5e-4))
-            .unwrap();
+        bulk.step(&fast_vibration().block(10 * index, 10, 5e-4)).unwrap();
         fallen_for += u32::from(bulk.parts()[0].place == Place::Falling);
     }
     // √(2 h/g) = 63.9 ms for 20 mm, and 50 ms to settle, in blocks of 5 ms.
@@ -230,11 +182,7 @@ fn parts_inside_the_critical_radius_are_reported_stranded() {
     bulk.put(0.045, 4.0, 0.0, 0).unwrap();
     let block = YawVibration::paper().block(0, 200, 5e-4);
     for _ in 0..15 {
-        assert!(
-            bulk.parts()
-                .iter()
-                .all(|part| !part.stranded || part.id == 0)
-        );
+        assert!(bulk.parts().iter().all(|part| !part.stranded || part.id == 0));
         bulk.step(&block).unwrap();
     }
     let stranded: Vec<_> = bulk.parts().iter().map(|part| part.stranded).collect();
@@ -243,15 +191,11 @@ fn parts_inside_the_critical_radius_are_reported_stranded() {
 
 #[test]
 fn a_part_that_climbs_is_not_stranded_wherever_it_is() {
-    let settings = BulkSettings {
-        critical_radius_m: 0.085,
-        ..BulkSettings::default()
-    };
+    let settings = BulkSettings { critical_radius_m: 0.085, ..BulkSettings::default() };
     let mut bulk = bulk_of(spec(0.004, 0.2), settings, 1);
     bulk.put(0.080, 1.5, 0.0, 0).unwrap();
     for _ in 0..30 {
-        bulk.step(&YawVibration::paper().block(0, 200, 5e-4))
-            .unwrap();
+        bulk.step(&YawVibration::paper().block(0, 200, 5e-4)).unwrap();
         assert!(!bulk.parts()[0].stranded);
     }
 }
@@ -269,10 +213,7 @@ fn picking_takes_the_nearest_part_within_reach() {
     assert_eq!((picked.id, picked.pose), (1, 1));
     assert!((picked.offset_m.x + 0.001).abs() < 1e-12 && picked.offset_m.y.abs() < 1e-12);
     assert_eq!(bulk.pick(centre.x, centre.y, 0.002), None);
-    assert_eq!(
-        bulk.parts().iter().map(|part| part.id).collect::<Vec<_>>(),
-        [0, 2]
-    );
+    assert_eq!(bulk.parts().iter().map(|part| part.id).collect::<Vec<_>>(), [0, 2]);
     assert_eq!(bulk.counters().picked, 1);
     // Identities are not used again.
     assert_eq!(bulk.put(0.080, 4.2, 0.0, 0), Ok(3));
@@ -314,19 +255,9 @@ fn refused_motion_moves_nothing() {
 }
 
 fn violent_sample() -> impl Strategy<Value = MotionSample> {
-    let vector = |x: f64, yaw: f64| {
-        (-x..x, -x..x, -yaw..yaw).prop_map(|(x, y, yaw)| Vector3::new(x, y, yaw))
-    };
-    (
-        vector(1.0, 100.0),
-        vector(10.0, 99.0),
-        vector(999.0, 9999.0),
-    )
-        .prop_map(|(position, velocity, acceleration)| MotionSample {
-            position,
-            velocity,
-            acceleration,
-        })
+    let vector = |x: f64, yaw: f64| (-x..x, -x..x, -yaw..yaw).prop_map(|(x, y, yaw)| Vector3::new(x, y, yaw));
+    (vector(1.0, 100.0), vector(10.0, 99.0), vector(999.0, 9999.0))
+        .prop_map(|(position, velocity, acceleration)| MotionSample { position, velocity, acceleration })
 }
 
 proptest! {

@@ -15,11 +15,7 @@ const YAW_RAD: f64 = 0.7;
 
 /// A part whose static friction is well above the kinetic.
 fn sticky() -> PartSpec {
-    PartSpec {
-        friction_static: 0.25,
-        friction_kinetic: 0.20,
-        ..spec(0.002, 0.2)
-    }
+    PartSpec { friction_static: 0.25, friction_kinetic: 0.20, ..spec(0.002, 0.2) }
 }
 
 fn alone(part: PartSpec, angle_rad: f64) -> PartBulk {
@@ -32,8 +28,7 @@ fn alone(part: PartSpec, angle_rad: f64) -> PartBulk {
 fn accelerated(angle_rad: f64, outward: f64, around: f64, count: u32) -> Part {
     let mut bulk = alone(sticky(), angle_rad);
     let in_platen = Rotation2::new(angle_rad + YAW_RAD) * Vector2::new(outward, around);
-    bulk.step(&straight(in_platen.x, in_platen.y, YAW_RAD, count))
-        .expect("sound motion");
+    bulk.step(&straight(in_platen.x, in_platen.y, YAW_RAD, count)).expect("sound motion");
     bulk.parts()[0]
 }
 
@@ -42,24 +37,10 @@ fn verif_slip_threshold_on_the_plateau() {
     let limit = 0.25 * G;
     for direction in [0.0, 0.9, 2.5, 4.0_f64] {
         let (along, across) = (direction.cos(), direction.sin());
-        let held = accelerated(
-            ON_PLATEAU_RAD,
-            0.99 * limit * along,
-            0.99 * limit * across,
-            400,
-        );
+        let held = accelerated(ON_PLATEAU_RAD, 0.99 * limit * along, 0.99 * limit * across, 400);
         assert!(held.is_sticking());
-        assert_eq!(
-            held,
-            alone(sticky(), ON_PLATEAU_RAD).parts()[0],
-            "moved below the limit"
-        );
-        let slid = accelerated(
-            ON_PLATEAU_RAD,
-            1.01 * limit * along,
-            1.01 * limit * across,
-            10,
-        );
+        assert_eq!(held, alone(sticky(), ON_PLATEAU_RAD).parts()[0], "moved below the limit");
+        let slid = accelerated(ON_PLATEAU_RAD, 1.01 * limit * along, 1.01 * limit * across, 10);
         assert!(!slid.is_sticking());
     }
 }
@@ -72,12 +53,7 @@ fn verif_slip_thresholds_on_the_ramp() {
     let uphill = G * (friction_rad - slope_rad).tan();
     let downhill = G * (friction_rad + slope_rad).tan();
     let radial = G * slope_rad.cos() * (0.25_f64.powi(2) - slope_rad.tan().powi(2)).sqrt();
-    for (outward, around) in [
-        (0.0, uphill),
-        (0.0, -downhill),
-        (radial, 0.0),
-        (-radial, 0.0),
-    ] {
+    for (outward, around) in [(0.0, uphill), (0.0, -downhill), (radial, 0.0), (-radial, 0.0)] {
         assert!(accelerated(ON_RAMP_RAD, 0.999 * outward, 0.999 * around, 50).is_sticking());
         assert!(!accelerated(ON_RAMP_RAD, 1.001 * outward, 1.001 * around, 50).is_sticking());
     }
@@ -104,14 +80,8 @@ fn verif_a_steady_turn_throws_parts_at_the_friction_limit() {
     let limit_rad_s = (0.25 * G / RADIUS_M).sqrt();
     for (share, sticks) in [(0.999, true), (1.001, false)] {
         let mut bulk = alone(sticky(), ON_PLATEAU_RAD);
-        let sample = MotionSample {
-            velocity: Vector3::new(0.0, 0.0, share * limit_rad_s),
-            ..MotionSample::default()
-        };
-        let block = MotionBlock {
-            sample_period_s: 5e-4,
-            samples: vec![sample; 4],
-        };
+        let sample = MotionSample { velocity: Vector3::new(0.0, 0.0, share * limit_rad_s), ..MotionSample::default() };
+        let block = MotionBlock { sample_period_s: 5e-4, samples: vec![sample; 4] };
         bulk.step(&block).unwrap();
         let part = bulk.parts()[0];
         assert_eq!(part.is_sticking(), sticks);
@@ -138,10 +108,7 @@ fn nothing_moves_below_the_least_of_all_limits_even_in_a_crowd() {
     let slope_rad = TrayGeometry::PAPER.ramp_slope_rad(0.075);
     let limit = G * (0.2_f64.atan() - slope_rad).tan();
     for direction in [0.3, 2.0, 4.5_f64] {
-        let (x, y) = (
-            0.99 * limit * direction.cos(),
-            0.99 * limit * direction.sin(),
-        );
+        let (x, y) = (0.99 * limit * direction.cos(), 0.99 * limit * direction.sin());
         bulk.step(&straight(x, y, YAW_RAD, 500)).unwrap();
     }
     assert_eq!(bulk.parts(), before);

@@ -8,22 +8,14 @@ use feeder_core::tray::TrayGeometry;
 use crate::support::{G, YawVibration, bulk, bulk_of, spec};
 
 /// The paper's ramp and plateau, with the outer wall out of the way of a part at 90 mm.
-const TRAY: TrayGeometry = TrayGeometry {
-    outer_radius_m: 0.1,
-    ..TrayGeometry::PAPER
-};
+const TRAY: TrayGeometry = TrayGeometry { outer_radius_m: 0.1, ..TrayGeometry::PAPER };
 const ON_RAMP_RAD: f64 = 1.0;
 const ON_PLATEAU_RAD: f64 = 4.0;
 
 /// Mean speed (mm/s) along the path of a lone part in the steady state, with the samples of a perfect tracker.
 ///
 /// All periods here divide 0.1 s, which is a whole number of samples.
-fn feed_mm_s(
-    vibration: &YawVibration,
-    radius_m: f64,
-    angle_rad: f64,
-    samples_per_tenth_s: u32,
-) -> f64 {
+fn feed_mm_s(vibration: &YawVibration, radius_m: f64, angle_rad: f64, samples_per_tenth_s: u32) -> f64 {
     let part = PartType::try_from(spec(0.002, 0.2)).expect("a sound part");
     let mut bulk = PartBulk::new(TRAY, part, BulkSettings::default(), 1).expect("sound settings");
     bulk.put(radius_m, angle_rad, 0.0, 0).expect("room");
@@ -36,20 +28,13 @@ fn feed_mm_s(
     };
     let start_rad = run(10);
     let turned_rad = run(10) - start_rad;
-    let slope_rad = if angle_rad < TRAY.ramp_angle_rad {
-        TRAY.ramp_slope_rad(radius_m)
-    } else {
-        0.0
-    };
+    let slope_rad = if angle_rad < TRAY.ramp_angle_rad { TRAY.ramp_slope_rad(radius_m) } else { 0.0 };
     1e3 * radius_m * turned_rad / slope_rad.cos()
 }
 
 /// fig15_speed_vs_radius.csv: radius m, speed on the ramp and on the plateau in mm/s.
-const FIG_15: [(f64, f64, f64); 3] = [
-    (0.060, 0.291_633, 4.092_400),
-    (0.080, 1.792_674, 7.056_473),
-    (0.090, 2.196_802, 8.704_249),
-];
+const FIG_15: [(f64, f64, f64); 3] =
+    [(0.060, 0.291_633, 4.092_400), (0.080, 1.792_674, 7.056_473), (0.090, 2.196_802, 8.704_249)];
 
 #[test]
 fn verif_fig_15_ramp_at_servo_rate() {
@@ -58,10 +43,7 @@ fn verif_fig_15_ramp_at_servo_rate() {
     for (radius_m, ramp_mm_s, _) in FIG_15 {
         let feed = feed_mm_s(&YawVibration::paper(), radius_m, ON_RAMP_RAD, 200);
         let share = (feed - ramp_mm_s) / (0.2 * G * 1e3 / 30.0);
-        assert!(
-            share.abs() < 1e-4,
-            "{feed} mm/s at {radius_m} m, expected {ramp_mm_s}"
-        );
+        assert!(share.abs() < 1e-4, "{feed} mm/s at {radius_m} m, expected {ramp_mm_s}");
     }
 }
 
@@ -70,16 +52,12 @@ fn verif_fig_15_plateau_loses_a_few_percent_at_servo_rate_and_converges() {
     for (radius_m, _, plateau_mm_s) in FIG_15 {
         let error = |samples_per_tenth_s| {
             let vibration = YawVibration::paper();
-            feed_mm_s(&vibration, radius_m, ON_PLATEAU_RAD, samples_per_tenth_s) / plateau_mm_s
-                - 1.0
+            feed_mm_s(&vibration, radius_m, ON_PLATEAU_RAD, samples_per_tenth_s) / plateau_mm_s - 1.0
         };
         // Switches fall inside samples of 0.5 ms, so the waveform that the part feels is blunted. The fine integrator
         // of `reference` loses as much.
         let at_2_khz = error(200);
-        assert!(
-            (-0.045..-0.032).contains(&at_2_khz),
-            "{at_2_khz} at {radius_m} m"
-        );
+        assert!((-0.045..-0.032).contains(&at_2_khz), "{at_2_khz} at {radius_m} m");
         let at_32_khz = error(3200);
         assert!(at_32_khz.abs() < 0.003, "{at_32_khz} at {radius_m} m");
     }
@@ -112,8 +90,7 @@ fn feed_grows_with_the_period() {
     let short = YawVibration::stick_slip(0.025, least, most);
     let long = YawVibration::stick_slip(0.05, least, most);
     for angle_rad in [ON_RAMP_RAD, ON_PLATEAU_RAD] {
-        let ratio =
-            feed_mm_s(&long, 0.085, angle_rad, 400) / feed_mm_s(&short, 0.085, angle_rad, 800);
+        let ratio = feed_mm_s(&long, 0.085, angle_rad, 400) / feed_mm_s(&short, 0.085, angle_rad, 800);
         assert!((ratio - 2.0).abs() < 0.01, "{ratio}");
     }
 }
@@ -121,14 +98,10 @@ fn feed_grows_with_the_period() {
 #[test]
 fn mass_changes_nothing() {
     let run = |mass_kg: f64| {
-        let part = feeder_core::parts::PartSpec {
-            mass_kg,
-            ..spec(0.006, 0.2)
-        };
+        let part = feeder_core::parts::PartSpec { mass_kg, ..spec(0.006, 0.2) };
         let mut bulk = bulk_of(part, BulkSettings::default(), 5);
         bulk.load(20);
-        bulk.step(&YawVibration::paper().block(0, 2000, 5e-4))
-            .unwrap();
+        bulk.step(&YawVibration::paper().block(0, 2000, 5e-4)).unwrap();
         bulk.parts().to_vec()
     };
     assert_eq!(run(1e-4), run(0.1));

@@ -28,8 +28,7 @@ impl Polar {
             let t = (f64::from(step) + 0.5) * h;
             let alpha = sample.acceleration.z;
             let rate = sample.velocity.z + alpha * t;
-            let heading =
-                sample.position.z + sample.velocity.z * t + 0.5 * alpha * t * t + self.psi;
+            let heading = sample.position.z + sample.velocity.z * t + 0.5 * alpha * t * t + self.psi;
             let (a_x, a_y) = (sample.acceleration.x, sample.acceleration.y);
             let a_r = a_x * heading.cos() + a_y * heading.sin();
             let a_psi = a_y * heading.cos() - a_x * heading.sin();
@@ -57,21 +56,12 @@ impl Polar {
 /// Runs bulk and reference through the same motion. Returns how far apart they end (m) and how far the part went (m).
 fn compare(block: &MotionBlock, radius_m: f64, angle_rad: f64, steps: u32) -> (f64, f64) {
     let tray = TrayGeometry::PAPER;
-    let pitch = if angle_rad < tray.ramp_angle_rad {
-        tray.pitch_m_per_rad()
-    } else {
-        0.0
-    };
+    let pitch = if angle_rad < tray.ramp_angle_rad { tray.pitch_m_per_rad() } else { 0.0 };
     let mut bulk = bulk(0.002, 1);
     bulk.put(radius_m, angle_rad, 0.0, 0).expect("room");
     bulk.step(block).expect("sound motion");
     let part = bulk.parts()[0];
-    let mut polar = Polar {
-        r: radius_m,
-        psi: angle_rad,
-        r_dot: 0.0,
-        psi_dot: 0.0,
-    };
+    let mut polar = Polar { r: radius_m, psi: angle_rad, r_dot: 0.0, psi_dot: 0.0 };
     for sample in &block.samples {
         polar.follow(sample, block.sample_period_s, steps, pitch);
     }
@@ -83,20 +73,9 @@ fn compare(block: &MotionBlock, radius_m: f64, angle_rad: f64, steps: u32) -> (f
 
 /// A smooth tour that turns and translates at once, hard enough to make parts slide in every direction.
 fn tour(sample_period_s: f64, count: u32) -> MotionBlock {
-    let velocity = |t: f64| {
-        Vector3::new(
-            0.19 * (19.0 * t).cos(),
-            -0.184 * (23.0 * t).sin(),
-            0.9 * (29.0 * t).cos(),
-        )
-    };
-    let position = |t: f64| {
-        Vector3::new(
-            0.01 * (19.0 * t).sin(),
-            0.008 * (23.0 * t).cos(),
-            0.9 / 29.0 * (29.0 * t).sin(),
-        )
-    };
+    let velocity = |t: f64| Vector3::new(0.19 * (19.0 * t).cos(), -0.184 * (23.0 * t).sin(), 0.9 * (29.0 * t).cos());
+    let position =
+        |t: f64| Vector3::new(0.01 * (19.0 * t).sin(), 0.008 * (23.0 * t).cos(), 0.9 / 29.0 * (29.0 * t).sin());
     let samples = (0..count).map(|index| {
         let t = f64::from(index) * sample_period_s;
         MotionSample {
@@ -105,10 +84,7 @@ fn tour(sample_period_s: f64, count: u32) -> MotionBlock {
             acceleration: (velocity(t + sample_period_s) - velocity(t)) / sample_period_s,
         }
     });
-    MotionBlock {
-        sample_period_s,
-        samples: samples.collect(),
-    }
+    MotionBlock { sample_period_s, samples: samples.collect() }
 }
 
 #[test]
@@ -121,10 +97,7 @@ fn verif_vibration_agrees_with_the_fine_integrator() {
         let block = vibration.block(0, 1000, 5e-4);
         for (radius_m, angle_rad) in [(0.085, 1.0), (0.060, 2.0), (0.085, 4.0)] {
             let (apart_m, _) = compare(&block, radius_m, angle_rad, 500);
-            assert!(
-                apart_m < tolerance_m,
-                "{apart_m} m apart at {radius_m} m, {angle_rad} rad"
-            );
+            assert!(apart_m < tolerance_m, "{apart_m} m apart at {radius_m} m, {angle_rad} rad");
         }
     }
 }
@@ -134,19 +107,12 @@ fn verif_turning_and_translating_converges_to_the_fine_integrator() {
     // Parts swept up to 50 mm over ramp and plateau in every direction. One step a sample is first-order where the
     // friction turns: the distance to the reference halves with the sample period.
     for (radius_m, angle_rad) in [(0.080, 1.0), (0.060, 2.0), (0.070, 4.0)] {
-        let distance = |period_s: f64, count: u32, steps: u32| {
-            compare(&tour(period_s, count), radius_m, angle_rad, steps)
-        };
+        let distance =
+            |period_s: f64, count: u32, steps: u32| compare(&tour(period_s, count), radius_m, angle_rad, steps);
         let (at_2_khz_m, went_m) = distance(5e-4, 800, 500);
         let (at_16_khz_m, _) = distance(6.25e-5, 6400, 62);
         assert!(went_m > 0.02, "went {went_m} m");
-        assert!(
-            at_2_khz_m < 0.004 * went_m,
-            "{at_2_khz_m} m apart after {went_m} m"
-        );
-        assert!(
-            at_16_khz_m < 0.2 * at_2_khz_m,
-            "{at_16_khz_m} m after {at_2_khz_m} m"
-        );
+        assert!(at_2_khz_m < 0.004 * went_m, "{at_2_khz_m} m apart after {went_m} m");
+        assert!(at_16_khz_m < 0.2 * at_2_khz_m, "{at_16_khz_m} m after {at_2_khz_m} m");
     }
 }

@@ -17,10 +17,7 @@ pub(crate) struct YawVibration {
 
 impl YawVibration {
     pub(crate) fn new(segments: &[(f64, f64)]) -> Self {
-        let mut vibration = Self {
-            segments: segments.to_vec(),
-            start_rad_s: 0.0,
-        };
+        let mut vibration = Self { segments: segments.to_vec(), start_rad_s: 0.0 };
         let (_, turned_rad) = vibration.within_period(vibration.period_s());
         vibration.start_rad_s = -turned_rad / vibration.period_s();
         vibration
@@ -29,11 +26,7 @@ impl YawVibration {
     /// Stick-slip, Quaid Eqs 1–3.
     pub(crate) fn stick_slip(period_s: f64, least_rad_s2: f64, most_rad_s2: f64) -> Self {
         let first_s = most_rad_s2 * period_s / (2.0 * (least_rad_s2 + most_rad_s2));
-        Self::new(&[
-            (first_s, least_rad_s2),
-            (period_s - 2.0 * first_s, -most_rad_s2),
-            (first_s, least_rad_s2),
-        ])
+        Self::new(&[(first_s, least_rad_s2), (period_s - 2.0 * first_s, -most_rad_s2), (first_s, least_rad_s2)])
     }
 
     /// The paper's waveform for Fig. 15, 9.0 m and 66.7 m rad/s² with m = μ g as a number, μ = 0.2.
@@ -92,10 +85,7 @@ impl YawVibration {
                 }
             })
             .collect();
-        MotionBlock {
-            sample_period_s,
-            samples,
-        }
+        MotionBlock { sample_period_s, samples }
     }
 }
 
@@ -111,17 +101,11 @@ pub(crate) fn straight(x_m_s2: f64, y_m_s2: f64, yaw_rad: f64, count: u32) -> Mo
             acceleration,
         }
     });
-    MotionBlock {
-        sample_period_s,
-        samples: samples.collect(),
-    }
+    MotionBlock { sample_period_s, samples: samples.collect() }
 }
 
 pub(crate) fn spec(diameter_m: f64, friction: f64) -> PartSpec {
-    let pose = |name: &str| RestingPose {
-        name: name.to_owned(),
-        probability: 0.5,
-    };
+    let pose = |name: &str| RestingPose { name: name.to_owned(), probability: 0.5 };
     PartSpec {
         name: "disc".to_owned(),
         diameter_m,

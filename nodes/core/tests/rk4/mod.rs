@@ -28,11 +28,7 @@ impl Rk4<'_> {
                 let start = self.waveform.state_at(start_s + 1e-12 * segment.duration_s);
                 let yaw = |t: f64| -> Yaw {
                     let a = segment.acceleration;
-                    [
-                        start.position + t * (start.velocity + t * a / 2.0),
-                        start.velocity + t * a,
-                        a,
-                    ]
+                    [start.position + t * (start.velocity + t * a / 2.0), start.velocity + t * a, a]
                 };
                 let steps = (segment.duration_s / step_s).ceil();
                 let h = segment.duration_s / steps;
@@ -51,13 +47,10 @@ impl Rk4<'_> {
         let (drive, normal, cos) = self.forces(s, yaw(h / 2.0));
         let [w1, w2] = [s[2], s[0] * s[3] / cos];
         // At rest as soon as friction can stop the part within the step and hold it.
-        if w1.hypot(w2) <= self.friction * normal * h
-            && drive[0].hypot(drive[1]) <= self.friction * normal
-        {
+        if w1.hypot(w2) <= self.friction * normal * h && drive[0].hypot(drive[1]) <= self.friction * normal {
             return [s[0], s[1], 0.0, 0.0];
         }
-        let add =
-            |s: State, k: State, h: f64| -> State { std::array::from_fn(|i| s[i] + h * k[i]) };
+        let add = |s: State, k: State, h: f64| -> State { std::array::from_fn(|i| s[i] + h * k[i]) };
         let k1 = self.derivative(s, yaw(0.0));
         let k2 = self.derivative(add(s, k1, h / 2.0), yaw(h / 2.0));
         let k3 = self.derivative(add(s, k2, h / 2.0), yaw(h / 2.0));
@@ -66,22 +59,12 @@ impl Rk4<'_> {
     }
 
     /// What drives (r̈ − ṙψ̇-free part, and r ψ̈/cos φ) without friction, N, and cos φ.
-    fn forces(
-        &self,
-        [r, psi, r_dot, psi_dot]: State,
-        [theta, theta_dot, theta_ddot]: Yaw,
-    ) -> ([f64; 2], f64, f64) {
-        let pitch = if psi < self.tray.ramp_angle_rad {
-            self.tray.pitch_m_per_rad()
-        } else {
-            0.0
-        };
+    fn forces(&self, [r, psi, r_dot, psi_dot]: State, [theta, theta_dot, theta_ddot]: Yaw) -> ([f64; 2], f64, f64) {
+        let pitch = if psi < self.tray.ramp_angle_rad { self.tray.pitch_m_per_rad() } else { 0.0 };
         let (sin, cos) = (pitch / r).atan().sin_cos();
         let (s, c) = (psi + theta).sin_cos();
-        let centre = [
-            self.centre_m_s2[0] * c + self.centre_m_s2[1] * s,
-            self.centre_m_s2[1] * c - self.centre_m_s2[0] * s,
-        ];
+        let centre =
+            [self.centre_m_s2[0] * c + self.centre_m_s2[1] * s, self.centre_m_s2[1] * c - self.centre_m_s2[0] * s];
         let omega = psi_dot + theta_dot;
         let push = r * theta_ddot + 2.0 * r_dot * omega + centre[1];
         let g = self.gravity_m_s2;
@@ -100,11 +83,6 @@ impl Rk4<'_> {
             [drive[0] / d, drive[1] / d]
         };
         let friction = self.friction * normal;
-        [
-            s[2],
-            s[3],
-            drive[0] - friction * heading[0],
-            (drive[1] - friction * heading[1]) * cos / s[0],
-        ]
+        [s[2], s[3], drive[0] - friction * heading[0], (drive[1] - friction * heading[1]) * cos / s[0]]
     }
 }

@@ -14,10 +14,7 @@ use feeder_core::waveform::{Axis, OptimalDesign, Waveform};
 use super::incline::{fig11_waveform, fig12_waveform, zero_feed_slope_deg};
 use super::motion::{FIG6_MEASURED_MM_S, FIG6_PRINTED_MM_S, FIG8_MEASURED_MM_S};
 use super::tray::paper_track;
-use super::{
-    LONG_PERIOD_S, MU, SHORT_PERIOD_S, drive, feed_mm_s, fig6_waveform, fig8_waveform,
-    fig15_waveform, mu_g,
-};
+use super::{LONG_PERIOD_S, MU, SHORT_PERIOD_S, drive, feed_mm_s, fig6_waveform, fig8_waveform, fig15_waveform, mu_g};
 
 /// What becomes of a claim.
 #[derive(Clone, Copy, Debug)]
@@ -54,13 +51,7 @@ pub(super) fn page() -> Result<String> {
         fig15_speeds()?,
         optimal()?,
     ];
-    for Claim {
-        of,
-        claim,
-        verdict,
-        numbers,
-    } in claims
-    {
+    for Claim { of, claim, verdict, numbers } in claims {
         let verdict = match verdict {
             Verdict::Reproduced => "reproduced",
             Verdict::Refuted => "refuted",
@@ -120,16 +111,10 @@ fn fig6_measured() -> Result<Claim> {
 
 fn eq7_range() -> Result<Claim> {
     let (a_min, a_max, friction) = (2.2, 10.1, Friction::uniform(MU)?);
-    let exact = feed_mm_s(
-        &Waveform::stick_slip(Axis::X, LONG_PERIOD_S, a_min, a_max)?,
-        MU,
-        0.0,
-    )?;
-    let eq7 = LONG_PERIOD_S * a_min / 2.0
-        * (1.0 / (1.0 + a_min / a_max) - 1.0 / (1.0 + a_min / mu_g()))
-        * 1e3;
-    let right = sliding_stick_slip_feed_m_s(LONG_PERIOD_S, a_min, a_max, &friction, G)
-        .context("a_min is beyond μ g")?;
+    let exact = feed_mm_s(&Waveform::stick_slip(Axis::X, LONG_PERIOD_S, a_min, a_max)?, MU, 0.0)?;
+    let eq7 = LONG_PERIOD_S * a_min / 2.0 * (1.0 / (1.0 + a_min / a_max) - 1.0 / (1.0 + a_min / mu_g())) * 1e3;
+    let right =
+        sliding_stick_slip_feed_m_s(LONG_PERIOD_S, a_min, a_max, &friction, G).context("a_min is beyond μ g")?;
     Ok(Claim {
         of: "Eq. 7",
         claim: "mean feed of stick-slip (no range stated)",
@@ -146,14 +131,10 @@ fn fig8_measured() -> Result<Claim> {
     let model = feed_mm_s(&fig8_waveform()?, MU, 0.0)?;
     let drive = drive(&fig8_waveform()?, MU, 0.0)?;
     let means = drive.cycle_means_m_s(drive.world_rest_m_s(), 5);
-    let means: Vec<String> = means
-        .iter()
-        .map(|m_s| format!("{:.2}", m_s * 1e3))
-        .collect();
+    let means: Vec<String> = means.iter().map(|m_s| format!("{:.2}", m_s * 1e3)).collect();
     let friction = Friction::uniform(MU)?;
     let z = best_coulomb_pump_z(10.3, &friction, G);
-    let most = coulomb_pump_feed_m_s(LONG_PERIOD_S, 10.3, z, &friction, G)
-        .context("the amplitude is beyond μ g")?;
+    let most = coulomb_pump_feed_m_s(LONG_PERIOD_S, 10.3, z, &friction, G).context("the amplitude is beyond μ g")?;
     Ok(Claim {
         of: "Fig. 8",
         claim: "the Coulomb pump was measured at 22.5 mm/s",
@@ -182,27 +163,15 @@ fn eq10() -> Result<Claim> {
 }
 
 fn fig11() -> Result<Claim> {
-    let speeds = (0..=5).map(|deg| {
-        Ok(format!(
-            "{:.2}",
-            feed_mm_s(&fig11_waveform(MU)?, MU, f64::from(deg))?
-        ))
-    });
+    let speeds = (0..=5).map(|deg| Ok(format!("{:.2}", feed_mm_s(&fig11_waveform(MU)?, MU, f64::from(deg))?)));
     let speeds = speeds.collect::<Result<Vec<_>>>()?;
     let zeros = [0.1, 0.2, 0.3, 0.4, 0.5].map(|mu| zero_feed_slope_deg(&fig11_waveform(mu)?, mu));
-    let zeros = zeros
-        .into_iter()
-        .map(|deg| Ok(format!("{:.2}", deg?)))
-        .collect::<Result<Vec<_>>>()?;
+    let zeros = zeros.into_iter().map(|deg| Ok(format!("{:.2}", deg?))).collect::<Result<Vec<_>>>()?;
     Ok(Claim {
         of: "Fig. 11",
         claim: "stick-slip climbs slopes of several degrees",
         verdict: Verdict::Reproduced,
-        numbers: format!(
-            "μ 0.2, 0–5°: {} mm/s; zero feed at {}° for μ 0.1–0.5",
-            speeds.join(", "),
-            zeros.join(", ")
-        ),
+        numbers: format!("μ 0.2, 0–5°: {} mm/s; zero feed at {}° for μ 0.1–0.5", speeds.join(", "), zeros.join(", ")),
     })
 }
 
@@ -225,16 +194,11 @@ fn fig12() -> Result<Claim> {
 fn critical_radius() -> Result<Claim> {
     let (track, waveform) = (paper_track()?, fig15_waveform()?);
     let map = TrayMap::new(&track, &waveform)?;
-    let critical_m = map
-        .critical_radius_m()?
-        .context("the paper's tray has one")?;
+    let critical_m = map.critical_radius_m()?.context("the paper's tray has one")?;
     let tray = track.tray();
     let (inner, outer) = (tray.inner_radius_m, tray.outer_radius_m);
     let share = (critical_m * critical_m - inner * inner) / (outer * outer - inner * inner);
-    let drift_um_s = map
-        .at(0.05)?
-        .ramp
-        .map_or(f64::NAN, |ramp| ramp.radial_drift_m_s * 1e6);
+    let drift_um_s = map.at(0.05)?.ramp.map_or(f64::NAN, |ramp| ramp.radial_drift_m_s * 1e6);
     Ok(Claim {
         of: "Fig. 15",
         claim: "the simulated tray works: parts climb the ramp",
@@ -275,12 +239,7 @@ fn fig15_speeds() -> Result<Claim> {
 }
 
 fn optimal() -> Result<Claim> {
-    let design = OptimalDesign {
-        friction: MU,
-        slope_rad: 0.0,
-        gravity_m_s2: G,
-        limit_m_s2: 4.0 * mu_g(),
-    };
+    let design = OptimalDesign { friction: MU, slope_rad: 0.0, gravity_m_s2: G, limit_m_s2: 4.0 * mu_g() };
     let best = design.best_feed_m_s(SHORT_PERIOD_S)? * 1e3;
     let stick_slip = feed_mm_s(&fig11_waveform(MU)?, MU, 0.0)?;
     let friction = Friction::uniform(MU)?;

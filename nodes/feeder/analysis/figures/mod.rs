@@ -35,32 +35,23 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let folder: &Path = &args.out;
-    std::fs::create_dir_all(folder)
-        .with_context(|| format!("cannot create the folder {}", folder.display()))?;
+    std::fs::create_dir_all(folder).with_context(|| format!("cannot create the folder {}", folder.display()))?;
     type Figure = (&'static str, fn() -> Result<Chart>);
     let figures: [Figure; 11] = [
         ("fig04_stick_slip_motion", motion::stick_slip_speeds),
         ("fig06_stick_slip_experiment", motion::stick_slip_travel),
         ("fig07_coulomb_pump_motion", motion::coulomb_pump_speeds),
         ("fig08_coulomb_pump_experiment", motion::coulomb_pump_travel),
-        (
-            "fig08_coulomb_pump_cycle_means",
-            motion::coulomb_pump_cycle_means,
-        ),
+        ("fig08_coulomb_pump_cycle_means", motion::coulomb_pump_cycle_means),
         ("fig11_stick_slip_on_a_slope", incline::stick_slip),
         ("fig12_coulomb_pump_on_a_slope", incline::coulomb_pump),
         ("fig12_zero_feed_slope", incline::zero_feed_slopes),
         ("fig13_running_surface", tray::running_surface),
         ("fig15_speed_against_radius", tray::speed_against_radius),
-        (
-            "fig15_parts_after_five_seconds",
-            tray::parts_after_five_seconds,
-        ),
+        ("fig15_parts_after_five_seconds", tray::parts_after_five_seconds),
     ];
     let bar = ProgressBar::new(u64::try_from(figures.len())? + 1);
-    bar.set_style(
-        ProgressStyle::with_template("{msg:>32} [{bar:40}] {pos}/{len}")?.progress_chars("=> "),
-    );
+    bar.set_style(ProgressStyle::with_template("{msg:>32} [{bar:40}] {pos}/{len}")?.progress_chars("=> "));
     for (stem, draw) in figures {
         bar.set_message(stem);
         draw()?.write(folder, stem)?;
@@ -68,8 +59,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
     bar.set_message("claims.md");
     let path = folder.join("claims.md");
-    std::fs::write(&path, claims::page()?)
-        .with_context(|| format!("cannot write {}", path.display()))?;
+    std::fs::write(&path, claims::page()?).with_context(|| format!("cannot write {}", path.display()))?;
     bar.finish_and_clear();
     println!("{}", path.display());
     Ok(())
@@ -92,27 +82,16 @@ fn fig8_waveform() -> Result<Waveform> {
 
 /// The waveform of the simulated tray, Fig. 15: 9.0 m and 66.7 m rad/s² with m = μ g as a number.
 fn fig15_waveform() -> Result<Waveform> {
-    Ok(Waveform::stick_slip(
-        Axis::Yaw,
-        SHORT_PERIOD_S,
-        9.0 * mu_g(),
-        66.7 * mu_g(),
-    )?)
+    Ok(Waveform::stick_slip(Axis::Yaw, SHORT_PERIOD_S, 9.0 * mu_g(), 66.7 * mu_g())?)
 }
 
 /// A waveform on a straight track.
 fn drive(waveform: &Waveform, mu: f64, slope_deg: f64) -> Result<Drive> {
-    let track = Track::new(
-        Friction::uniform(mu)?,
-        slope_deg.to_radians(),
-        STANDARD_GRAVITY_M_S2,
-    )?;
+    let track = Track::new(Friction::uniform(mu)?, slope_deg.to_radians(), STANDARD_GRAVITY_M_S2)?;
     Ok(track.drive(waveform, 1.0)?)
 }
 
 /// Steady feed, mm/s; NaN where parts slide down without end.
 fn feed_mm_s(waveform: &Waveform, mu: f64, slope_deg: f64) -> Result<f64> {
-    Ok(drive(waveform, mu, slope_deg)?
-        .steady()
-        .map_or(f64::NAN, |steady| steady.feed_m_s * 1e3))
+    Ok(drive(waveform, mu, slope_deg)?.steady().map_or(f64::NAN, |steady| steady.feed_m_s * 1e3))
 }

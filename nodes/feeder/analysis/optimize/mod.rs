@@ -54,11 +54,7 @@ struct SearchArgs {
 
 impl SearchArgs {
     fn effort(&self) -> Effort {
-        Effort {
-            starts: self.starts,
-            steps: self.steps,
-            seed: self.seed,
-        }
+        Effort { starts: self.starts, steps: self.steps, seed: self.seed }
     }
 }
 
@@ -79,16 +75,12 @@ struct FrictionRange {
 impl FrictionRange {
     /// The coefficients a robust design is made for: the ends of the interval, its middle, and between.
     fn robust(&self) -> Result<Vec<f64>> {
-        let Self {
-            mu, mu_tolerance, ..
-        } = *self;
+        let Self { mu, mu_tolerance, .. } = *self;
         ensure!(
             (0.0..1.0).contains(&mu_tolerance),
             "--mu-tolerance = {mu_tolerance} is outside its range: 0 ≤ tolerance < 1"
         );
-        Ok([-1.0, -0.5, 0.0, 0.5, 1.0]
-            .map(|share| mu * (1.0 + share * mu_tolerance))
-            .to_vec())
+        Ok([-1.0, -0.5, 0.0, 0.5, 1.0].map(|share| mu * (1.0 + share * mu_tolerance)).to_vec())
     }
 }
 

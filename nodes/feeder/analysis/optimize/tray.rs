@@ -28,20 +28,10 @@ const BAR_STEPS: u64 = 1000;
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Length of the parts, m; several, separated by commas, for a family fed by one tray.
-    #[arg(
-        long,
-        default_value = "0.005",
-        value_delimiter = ',',
-        allow_negative_numbers = true
-    )]
+    #[arg(long, default_value = "0.005", value_delimiter = ',', allow_negative_numbers = true)]
     part_length: Vec<f64>,
     /// Spacings on the plateau to design for, in part lengths, separated by commas.
-    #[arg(
-        long,
-        default_value = "1.5,2,3,3.93,5",
-        value_delimiter = ',',
-        allow_negative_numbers = true
-    )]
+    #[arg(long, default_value = "1.5,2,3,3.93,5", value_delimiter = ',', allow_negative_numbers = true)]
     spacing: Vec<f64>,
     #[command(flatten)]
     friction: FrictionRange,
@@ -105,18 +95,11 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let nominal_goal = args.goal(&[friction.mu]);
     let robust_goal = args.goal(&friction.robust()?);
     for &spacing_parts in &args.spacing {
-        TrayGoal {
-            spacing_parts,
-            ..nominal_goal.clone()
-        }
-        .check()?;
+        TrayGoal { spacing_parts, ..nominal_goal.clone() }.check()?;
     }
     let paper = paper_flow(&nominal_goal, friction.mu)?;
     let bar = ProgressBar::new(2 * BAR_STEPS * u64::try_from(args.spacing.len())?);
-    bar.set_style(
-        ProgressStyle::with_template("{msg:>24} [{bar:40}] {percent} % {eta}")?
-            .progress_chars("=> "),
-    );
+    bar.set_style(ProgressStyle::with_template("{msg:>24} [{bar:40}] {percent} % {eta}")?.progress_chars("=> "));
     let report = Report {
         nominal: front(&nominal_goal, "nominal", args, &paper, &bar)?,
         robust: front(&robust_goal, "robust", args, &paper, &bar)?,
@@ -127,35 +110,22 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         write(folder, &report)?;
     }
     print!("{}", serde_saphyr::to_string(&report)?);
-    report
-        .nominal
-        .first()
-        .map(|_| ())
-        .context("no tray within these limits feeds")
+    report.nominal.first().map(|_| ()).context("no tray within these limits feeds")
 }
 
 impl Args {
     fn goal(&self, frictions: &[f64]) -> TrayGoal {
-        let kinds = self.part_length.iter().map(|&length_m| PartKind {
-            length_m,
-            frictions: frictions.to_vec(),
-        });
+        let kinds = self.part_length.iter().map(|&length_m| PartKind { length_m, frictions: frictions.to_vec() });
         let longest_m = self.part_length.iter().copied().fold(f64::NAN, f64::max);
         TrayGoal {
             kinds: kinds.collect(),
             spacing_parts: f64::NAN,
-            loading: if self.queued {
-                Loading::Queued
-            } else {
-                Loading::Metered
-            },
+            loading: if self.queued { Loading::Queued } else { Loading::Metered },
             outer_radius_m: self.outer_radius,
             inner_radius_m: self.inner_radius,
             rise_min_m: self.rise_min.unwrap_or(2.0 * longest_m),
             ramp_angle_max_rad: self.ramp_max_deg.to_radians(),
-            period: self
-                .period
-                .map_or(Period::UpTo(self.period_max), Period::Fixed),
+            period: self.period.map_or(Period::UpTo(self.period_max), Period::Fixed),
             limits: AxisLimits {
                 max_acceleration: self.a_max,
                 max_speed: self.max_speed,
@@ -170,41 +140,20 @@ impl Args {
 fn paper_flow(goal: &TrayGoal, mu: f64) -> Result<Flow> {
     // 9.0 and 66.7 times m as a number, m = 0.2 g.
     let waveform = Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 17.658, 130.8654)?;
-    let track = AnnularTrack::new(
-        TrayGeometry::PAPER,
-        Friction::uniform(mu)?,
-        goal.gravity_m_s2,
-    )?;
-    let length_m = goal
-        .kinds
-        .first()
-        .context("--part-length needs at least one length")?
-        .length_m;
+    let track = AnnularTrack::new(TrayGeometry::PAPER, Friction::uniform(mu)?, goal.gravity_m_s2)?;
+    let length_m = goal.kinds.first().context("--part-length needs at least one length")?.length_m;
     lane_flow(&track, &waveform, length_m, Loading::Queued, 1.0)?
         .context("parts of this friction and length do not climb the paper's tray")
 }
 
-fn front(
-    goal: &TrayGoal,
-    name: &str,
-    args: &Args,
-    paper: &Flow,
-    bar: &ProgressBar,
-) -> Result<Vec<Point>> {
+fn front(goal: &TrayGoal, name: &str, args: &Args, paper: &Flow, bar: &ProgressBar) -> Result<Vec<Point>> {
     let mut points: Vec<Point> = Vec::new();
     for &spacing_parts in &args.spacing {
-        let goal = TrayGoal {
-            spacing_parts,
-            ..goal.clone()
-        };
+        let goal = TrayGoal { spacing_parts, ..goal.clone() };
         bar.set_message(format!("{name}, spacing {spacing_parts}"));
         let start = bar.position();
         let design = goal.best(args.search.segments, args.search.effort(), |share| {
-            #[expect(
-                clippy::cast_possible_truncation,
-                clippy::cast_sign_loss,
-                reason = "a share between 0 and 1"
-            )]
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share between 0 and 1")]
             bar.set_position(start + (share * BAR_STEPS as f64) as u64);
         })?;
         bar.set_position(start + BAR_STEPS);
@@ -222,8 +171,7 @@ fn front(
     }
     for i in 0..points.len() {
         points[i].dominated = points.iter().any(|other| {
-            other.spacing_parts > points[i].spacing_parts
-                && other.parts_per_min >= points[i].parts_per_min
+            other.spacing_parts > points[i].spacing_parts && other.parts_per_min >= points[i].parts_per_min
         });
     }
     Ok(points)
@@ -233,8 +181,7 @@ fn measured_spacing(goal: &TrayGoal, design: &DesignedTray) -> Result<Option<f64
     let mut least = f64::INFINITY;
     for (kind, flows) in goal.kinds.iter().zip(&design.flows) {
         for (&friction, flow) in kind.frictions.iter().zip(flows) {
-            let track =
-                AnnularTrack::new(design.tray, Friction::uniform(friction)?, goal.gravity_m_s2)?;
+            let track = AnnularTrack::new(design.tray, Friction::uniform(friction)?, goal.gravity_m_s2)?;
             let measured = flow_in_two_dimensions(&track, &design.waveform, kind.length_m, flow)?;
             let Some(measured) = measured else {
                 return Ok(None);
@@ -251,27 +198,13 @@ fn write(folder: &Path, report: &Report) -> Result<()> {
     for (name, points) in [("nominal", &report.nominal), ("robust", &report.robust)] {
         for point in points {
             let stem = format!("{name}_spacing_{}", point.spacing_parts);
-            write_yaml(
-                &folder.join(format!("tray_{stem}.yaml")),
-                &point.design.tray,
-            )?;
-            write_yaml(
-                &folder.join(format!("waveform_{stem}.yaml")),
-                &point.design.waveform,
-            )?;
+            write_yaml(&folder.join(format!("tray_{stem}.yaml")), &point.design.tray)?;
+            write_yaml(&folder.join(format!("waveform_{stem}.yaml")), &point.design.waveform)?;
         }
         let front = points.iter().filter(|point| !point.dominated);
-        series.push(Series::line(
-            name,
-            front
-                .map(|point| (point.spacing_parts, point.parts_per_min))
-                .collect(),
-        ));
+        series.push(Series::line(name, front.map(|point| (point.spacing_parts, point.parts_per_min)).collect()));
     }
-    let paper = (
-        report.paper.plateau_spacing_parts,
-        report.paper.parts_per_min,
-    );
+    let paper = (report.paper.plateau_spacing_parts, report.paper.parts_per_min);
     series.push(Series::dots("the paper's tray", vec![paper]));
     let chart = Chart {
         title: "Parts per minute against spacing on the plateau".into(),

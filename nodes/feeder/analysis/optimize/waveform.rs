@@ -18,12 +18,7 @@ use super::{FrictionRange, SearchArgs, create_folder, write_yaml};
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
     /// Slope of a straight track, degrees; not with --radius.
-    #[arg(
-        long,
-        default_value_t = 0.0,
-        allow_negative_numbers = true,
-        conflicts_with = "radius"
-    )]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, conflicts_with = "radius")]
     slope_deg: f64,
     /// Radius on the ramp of an annular tray, m: a waveform for yaw, with limits in rad.
     #[arg(long, allow_negative_numbers = true)]
@@ -81,11 +76,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             (Axis::Yaw, radius_m, tray.ramp_slope_rad(radius_m))
         }
     };
-    let limits = AxisLimits {
-        max_acceleration: args.a_max,
-        max_speed: args.max_speed,
-        max_stroke: args.max_stroke,
-    };
+    let limits = AxisLimits { max_acceleration: args.a_max, max_speed: args.max_speed, max_stroke: args.max_stroke };
     let best = |frictions: Vec<f64>| -> Result<Option<Rated>> {
         let goal = WaveformGoal {
             axis,
@@ -100,37 +91,22 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         let designed = goal.best(args.search.segments, args.search.effort())?;
         Ok(designed.map(|designed| rated(designed, goal.frictions)))
     };
-    let report = Report {
-        nominal: best(vec![args.friction.mu])?,
-        robust: best(args.friction.robust()?)?,
-    };
+    let report = Report { nominal: best(vec![args.friction.mu])?, robust: best(args.friction.robust()?)? };
     if let Some(folder) = &args.search.out {
         create_folder(folder)?;
         for (name, rated) in [("nominal", &report.nominal), ("robust", &report.robust)] {
             if let Some(rated) = rated {
-                write_yaml(
-                    &folder.join(format!("waveform_{name}.yaml")),
-                    &rated.waveform,
-                )?;
+                write_yaml(&folder.join(format!("waveform_{name}.yaml")), &rated.waveform)?;
             }
         }
         write_yaml(&folder.join("report.yaml"), &report)?;
     }
     print!("{}", serde_saphyr::to_string(&report)?);
-    report
-        .nominal
-        .map(|_| ())
-        .context("no waveform within these limits feeds forward")
+    report.nominal.map(|_| ()).context("no waveform within these limits feeds forward")
 }
 
 fn rated(designed: DesignedWaveform, frictions: Vec<f64>) -> Rated {
-    let DesignedWaveform {
-        waveform,
-        feeds_m_s,
-        worst_feed_m_s,
-        bound_m_s,
-        proven,
-    } = designed;
+    let DesignedWaveform { waveform, feeds_m_s, worst_feed_m_s, bound_m_s, proven } = designed;
     Rated {
         proven,
         worst_feed_m_s,

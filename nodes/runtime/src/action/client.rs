@@ -50,38 +50,25 @@ impl<A: Action> ActionClient<A> {
         let topic = |part: &str| format!("{name}/_action/{part}");
         let deliver = Arc::new(Mutex::new(deliver));
         let feedback_type = <A::FeedbackMessage as Message>::INFO.dds_type();
-        let feedback =
-            participant.reader(&topic("feedback"), &feedback_type, &Qos::command(), {
-                let deliver = deliver.clone();
-                move |sample| {
-                    if let Some(message) = read::<A::FeedbackMessage>(&sample) {
-                        let (id, feedback): (UUID, _) = message.into();
-                        deliver.lock().unwrap_or_else(PoisonError::into_inner)(
-                            ActionUpdate::Feedback(id.into(), feedback),
-                        );
-                    }
-                }
-            })?;
-        let status_type = GoalStatusArray::INFO.dds_type();
-        let status = participant.reader(
-            &topic("status"),
-            &status_type,
-            &Qos::latched(),
+        let feedback = participant.reader(&topic("feedback"), &feedback_type, &Qos::command(), {
+            let deliver = deliver.clone();
             move |sample| {
-                if let Some(message) = read::<GoalStatusArray>(&sample) {
-                    let fare = |goal: &minifactory_msgs::action_msgs::msg::GoalStatus| {
-                        (
-                            goal.goal_info.goal_id.into(),
-                            GoalStatus::from_number(goal.status),
-                        )
-                    };
-                    let statuses = message.status_list.iter().map(fare).collect();
-                    deliver.lock().unwrap_or_else(PoisonError::into_inner)(ActionUpdate::Status(
-                        statuses,
-                    ));
+                if let Some(message) = read::<A::FeedbackMessage>(&sample) {
+                    let (id, feedback): (UUID, _) = message.into();
+                    deliver.lock().unwrap_or_else(PoisonError::into_inner)(ActionUpdate::Feedback(id.into(), feedback));
                 }
-            },
-        )?;
+            }
+        })?;
+        let status_type = GoalStatusArray::INFO.dds_type();
+        let status = participant.reader(&topic("status"), &status_type, &Qos::latched(), move |sample| {
+            if let Some(message) = read::<GoalStatusArray>(&sample) {
+                let fare = |goal: &minifactory_msgs::action_msgs::msg::GoalStatus| {
+                    (goal.goal_info.goal_id.into(), GoalStatus::from_number(goal.status))
+                };
+                let statuses = message.status_list.iter().map(fare).collect();
+                deliver.lock().unwrap_or_else(PoisonError::into_inner)(ActionUpdate::Status(statuses));
+            }
+        })?;
         Ok(Self {
             _topics: [feedback, status],
             send_goal: participant.service_client(&topic("send_goal"))?,
@@ -93,19 +80,12 @@ impl<A: Action> ActionClient<A> {
     /// Whether a server is there.
     #[must_use]
     pub fn is_available(&self) -> bool {
-        self.send_goal.is_available()
-            && self.cancel_goal.is_available()
-            && self.get_result.is_available()
+        self.send_goal.is_available() && self.cancel_goal.is_available() && self.get_result.is_available()
     }
 
     /// Sends a goal under an id of the caller's choice, unlike all others of the server. The answer says whether, and
     /// when, it was accepted.
-    pub fn send_goal(
-        &self,
-        id: GoalId,
-        goal: A::Goal,
-        timeout: Duration,
-    ) -> Answer<A::SendGoalResponse> {
+    pub fn send_goal(&self, id: GoalId, goal: A::Goal, timeout: Duration) -> Answer<A::SendGoalResponse> {
         self.send_goal.call(&(UUID::from(id), goal).into(), timeout)
     }
 
@@ -113,12 +93,8 @@ impl<A: Action> ActionClient<A> {
     /// their results.
     pub fn cancel(&self, goal: Option<GoalId>, timeout: Duration) -> Answer<CancelGoalResponse> {
         let goal_id = goal.map(UUID::from).unwrap_or_default();
-        let goal_info = GoalInfo {
-            goal_id,
-            stamp: Time::default(),
-        };
-        self.cancel_goal
-            .call(&CancelGoalRequest { goal_info }, timeout)
+        let goal_info = GoalInfo { goal_id, stamp: Time::default() };
+        self.cancel_goal.call(&CancelGoalRequest { goal_info }, timeout)
     }
 
     /// Asks for a goal's result, which comes when it has ended; status [`GoalStatus::Unknown`] when the server does not
@@ -140,8 +116,6 @@ impl<A: Action> ActionClient<A> {
 fn read<M: Message>(sample: &Sample) -> Option<M> {
     sample
         .decode()
-        .inspect_err(
-            |error| tracing::warn!(writer = %sample.writer_guid, "action message refused: {error}"),
-        )
+        .inspect_err(|error| tracing::warn!(writer = %sample.writer_guid, "action message refused: {error}"))
         .ok()
 }

@@ -69,17 +69,10 @@ impl GoalStatus {
     /// The status a message's number stands for; numbers that stand for none are `Unknown`.
     #[must_use]
     pub fn from_number(number: i8) -> Self {
-        [
-            Self::Accepted,
-            Self::Executing,
-            Self::Canceling,
-            Self::Succeeded,
-            Self::Canceled,
-            Self::Aborted,
-        ]
-        .into_iter()
-        .find(|status| *status as i8 == number)
-        .unwrap_or(Self::Unknown)
+        [Self::Accepted, Self::Executing, Self::Canceling, Self::Succeeded, Self::Canceled, Self::Aborted]
+            .into_iter()
+            .find(|status| *status as i8 == number)
+            .unwrap_or(Self::Unknown)
     }
 
     /// Whether the goal has ended.
@@ -162,10 +155,7 @@ impl<R, W> Goals<R, W> {
     /// No goals yet; results are kept for `keep_results` after a goal has ended.
     #[must_use]
     pub fn new(keep_results: Duration) -> Self {
-        Self {
-            goals: BTreeMap::new(),
-            keep_results,
-        }
+        Self { goals: BTreeMap::new(), keep_results }
     }
 
     /// Takes a goal on.
@@ -176,12 +166,7 @@ impl<R, W> Goals<R, W> {
         if self.goals.contains_key(&id) {
             return Err(GoalError::Known(id));
         }
-        let goal = Goal {
-            accepted: stamp,
-            status: GoalStatus::Accepted,
-            result: None,
-            waiting: Vec::new(),
-        };
+        let goal = Goal { accepted: stamp, status: GoalStatus::Accepted, result: None, waiting: Vec::new() };
         self.goals.insert(id, goal);
         Ok(())
     }
@@ -189,9 +174,7 @@ impl<R, W> Goals<R, W> {
     /// How a goal fares; [`GoalStatus::Unknown`] when there is none of this id.
     #[must_use]
     pub fn status(&self, id: GoalId) -> GoalStatus {
-        self.goals
-            .get(&id)
-            .map_or(GoalStatus::Unknown, |goal| goal.status)
+        self.goals.get(&id).map_or(GoalStatus::Unknown, |goal| goal.status)
     }
 
     /// Begins to work on an accepted goal.
@@ -214,20 +197,10 @@ impl<R, W> Goals<R, W> {
     ///
     /// # Errors
     /// [`GoalError::Unknown`] or [`GoalError::Transition`].
-    pub fn finish(
-        &mut self,
-        id: GoalId,
-        status: GoalStatus,
-        result: R,
-        now: Duration,
-    ) -> Result<Vec<W>, GoalError> {
+    pub fn finish(&mut self, id: GoalId, status: GoalStatus, result: R, now: Duration) -> Result<Vec<W>, GoalError> {
         let from = self.status(id);
         if !status.is_terminal() {
-            return Err(GoalError::Transition {
-                id,
-                from,
-                to: status,
-            });
+            return Err(GoalError::Transition { id, from, to: status });
         }
         let forget = now.saturating_add(self.keep_results);
         let goal = self.advance(id, status)?;
@@ -239,11 +212,7 @@ impl<R, W> Goals<R, W> {
     pub fn result(&mut self, id: GoalId, who: W) -> ResultOf<'_, R, W> {
         match self.goals.get_mut(&id) {
             None => ResultOf::Unknown(who),
-            Some(Goal {
-                result: Some((result, _)),
-                status,
-                ..
-            }) => ResultOf::Known(who, *status, result),
+            Some(Goal { result: Some((result, _)), status, .. }) => ResultOf::Known(who, *status, result),
             Some(goal) => {
                 goal.waiting.push(who);
                 ResultOf::Later
@@ -283,17 +252,8 @@ impl<R, W> Goals<R, W> {
 
     /// Forgets the goals whose results have been kept long enough, and returns them.
     pub fn expire(&mut self, now: Duration) -> Vec<GoalId> {
-        let expired = |goal: &Goal<R, W>| {
-            goal.result
-                .as_ref()
-                .is_some_and(|(_, forget)| *forget <= now)
-        };
-        let ids: Vec<_> = self
-            .goals
-            .iter()
-            .filter(|(_, goal)| expired(goal))
-            .map(|(id, _)| *id)
-            .collect();
+        let expired = |goal: &Goal<R, W>| goal.result.as_ref().is_some_and(|(_, forget)| *forget <= now);
+        let ids: Vec<_> = self.goals.iter().filter(|(_, goal)| expired(goal)).map(|(id, _)| *id).collect();
         for id in &ids {
             self.goals.remove(id);
         }
@@ -303,19 +263,13 @@ impl<R, W> Goals<R, W> {
     /// When the next result expires, if any is kept.
     #[must_use]
     pub fn next_expiry(&self) -> Option<Duration> {
-        self.goals
-            .values()
-            .filter_map(|goal| goal.result.as_ref().map(|(_, forget)| *forget))
-            .min()
+        self.goals.values().filter_map(|goal| goal.result.as_ref().map(|(_, forget)| *forget)).min()
     }
 
     /// All goals, for the status topic.
     pub fn statuses(&self) -> impl Iterator<Item = StatusMessage> {
         self.goals.iter().map(|(id, goal)| StatusMessage {
-            goal_info: GoalInfo {
-                goal_id: (*id).into(),
-                stamp: goal.accepted,
-            },
+            goal_info: GoalInfo { goal_id: (*id).into(), stamp: goal.accepted },
             status: goal.status as i8,
         })
     }
@@ -323,20 +277,13 @@ impl<R, W> Goals<R, W> {
     /// What the answer to a request to cancel says of a goal.
     #[must_use]
     pub fn info(&self, id: GoalId) -> Option<GoalInfo> {
-        self.goals.get(&id).map(|goal| GoalInfo {
-            goal_id: id.into(),
-            stamp: goal.accepted,
-        })
+        self.goals.get(&id).map(|goal| GoalInfo { goal_id: id.into(), stamp: goal.accepted })
     }
 
     fn advance(&mut self, id: GoalId, to: GoalStatus) -> Result<&mut Goal<R, W>, GoalError> {
         let goal = self.goals.get_mut(&id).ok_or(GoalError::Unknown(id))?;
         if !goal.status.may_become(to) {
-            return Err(GoalError::Transition {
-                id,
-                from: goal.status,
-                to,
-            });
+            return Err(GoalError::Transition { id, from: goal.status, to });
         }
         goal.status = to;
         Ok(goal)

@@ -53,15 +53,8 @@ impl<A: Action> ActionServer<A> {
         let feedback_type = <A::FeedbackMessage as Message>::INFO.dds_type();
         let feedback = participant.writer(&topic("feedback"), &feedback_type, &Qos::command())?;
         // Every change of every goal is published at once, the newest must not be refused.
-        let status_qos = Qos {
-            backlog: 256,
-            ..Qos::latched()
-        };
-        let status = participant.writer(
-            &topic("status"),
-            &GoalStatusArray::INFO.dds_type(),
-            &status_qos,
-        )?;
+        let status_qos = Qos { backlog: 256, ..Qos::latched() };
+        let status = participant.writer(&topic("status"), &GoalStatusArray::INFO.dds_type(), &status_qos)?;
         let state = Arc::new(State {
             goals: Mutex::new(Goals::new(keep_results)),
             ended: Notify::new(),
@@ -76,11 +69,7 @@ impl<A: Action> ActionServer<A> {
             move |request, responder| {
                 let (id, goal) = request.into();
                 let id = id.into();
-                let pending = Pending {
-                    state: state.clone(),
-                    responder: Some(responder),
-                    id,
-                };
+                let pending = Pending { state: state.clone(), responder: Some(responder), id };
                 if state.goals().status(id) == GoalStatus::Unknown {
                     lock(&deliver)(GoalEvent::Goal(GoalRequest { goal, pending }));
                 }
@@ -93,11 +82,7 @@ impl<A: Action> ActionServer<A> {
                 match meant {
                     Ok(goals) => {
                         let (state, responder) = (state.clone(), Some(responder));
-                        lock(&deliver)(GoalEvent::Cancel(CancelRequest {
-                            goals,
-                            state,
-                            responder,
-                        }));
+                        lock(&deliver)(GoalEvent::Cancel(CancelRequest { goals, state, responder }));
                     }
                     Err(reason) => responder.send(&refusal(reason)),
                 }
@@ -109,10 +94,9 @@ impl<A: Action> ActionServer<A> {
                 let id: minifactory_msgs::unique_identifier_msgs::msg::UUID = request.into();
                 match state.goals().result(id.into(), responder) {
                     ResultOf::Known(responder, _, response) => responder.send(response),
-                    ResultOf::Unknown(responder) => responder.send(&result_response::<A>(
-                        GoalStatus::Unknown,
-                        A::Result::default(),
-                    )),
+                    ResultOf::Unknown(responder) => {
+                        responder.send(&result_response::<A>(GoalStatus::Unknown, A::Result::default()))
+                    }
                     ResultOf::Later => {}
                 }
             }
@@ -143,10 +127,7 @@ fn refusal(reason: NothingToCancel) -> CancelGoalResponse {
         NothingToCancel::Terminated => CancelGoalResponse::ERROR_GOAL_TERMINATED,
         NothingToCancel::NoneRunning => CancelGoalResponse::ERROR_REJECTED,
     };
-    CancelGoalResponse {
-        return_code,
-        goals_canceling: Vec::new(),
-    }
+    CancelGoalResponse { return_code, goals_canceling: Vec::new() }
 }
 
 fn result_response<A: Action>(status: GoalStatus, result: A::Result) -> A::GetResultResponse {
@@ -175,20 +156,14 @@ impl<A: Action> State<A> {
     fn publish_status(&self) {
         // Under the lock, lest an older status follow a newer one.
         let goals = self.goals();
-        self.status.publish_message(&GoalStatusArray {
-            status_list: goals.statuses().collect(),
-        });
+        self.status.publish_message(&GoalStatusArray { status_list: goals.statuses().collect() });
     }
 
     fn finish(&self, id: GoalId, status: GoalStatus, result: A::Result) -> Result<(), GoalError> {
         let response = result_response::<A>(status, result);
-        let waiting = self
-            .goals()
-            .finish(id, status, response.clone(), self.began.elapsed())?;
+        let waiting = self.goals().finish(id, status, response.clone(), self.began.elapsed())?;
         self.publish_status();
-        waiting
-            .into_iter()
-            .for_each(|responder| responder.send(&response));
+        waiting.into_iter().for_each(|responder| responder.send(&response));
         self.ended.notify_one();
         Ok(())
     }
@@ -234,11 +209,7 @@ impl<A: Action> GoalRequest<A> {
         state.goals().accept(id, stamp)?;
         self.pending.decide(true, stamp);
         state.publish_status();
-        Ok(GoalHandle {
-            state,
-            id,
-            finished: false,
-        })
+        Ok(GoalHandle { state, id, finished: false })
     }
 
     /// Refuses the goal.
@@ -287,14 +258,9 @@ impl<A: Action> CancelRequest<A> {
         };
         let goals_canceling: Vec<_> = {
             let mut goals = self.state.goals();
-            let canceling = granted
-                .into_iter()
-                .filter(|id| self.goals.contains(id) && goals.begin_cancel(*id).is_ok());
+            let canceling = granted.into_iter().filter(|id| self.goals.contains(id) && goals.begin_cancel(*id).is_ok());
             let canceling: Vec<_> = canceling.collect();
-            canceling
-                .into_iter()
-                .filter_map(|id| goals.info(id))
-                .collect()
+            canceling.into_iter().filter_map(|id| goals.info(id)).collect()
         };
         let return_code = if goals_canceling.is_empty() {
             CancelGoalResponse::ERROR_REJECTED
@@ -302,10 +268,7 @@ impl<A: Action> CancelRequest<A> {
             self.state.publish_status();
             CancelGoalResponse::ERROR_NONE
         };
-        responder.send(&CancelGoalResponse {
-            return_code,
-            goals_canceling,
-        });
+        responder.send(&CancelGoalResponse { return_code, goals_canceling });
     }
 }
 
@@ -347,9 +310,7 @@ impl<A: Action> GoalHandle<A> {
 
     /// Tells clients how far it is.
     pub fn feedback(&self, feedback: A::Feedback) {
-        self.state
-            .feedback
-            .publish_message(&A::FeedbackMessage::from((self.id.into(), feedback)));
+        self.state.feedback.publish_message(&A::FeedbackMessage::from((self.id.into(), feedback)));
     }
 
     /// Ends it as wished for.
@@ -390,10 +351,7 @@ impl<A: Action> Drop for GoalHandle<A> {
         }
         // A goal that was never started has to pass through executing; one that was, refuses to.
         let _ = self.state.goals().start(self.id);
-        if let Err(error) = self
-            .state
-            .finish(self.id, GoalStatus::Aborted, A::Result::default())
-        {
+        if let Err(error) = self.state.finish(self.id, GoalStatus::Aborted, A::Result::default()) {
             tracing::error!("an abandoned goal cannot be aborted: {error}");
         }
     }

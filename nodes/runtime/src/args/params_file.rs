@@ -40,11 +40,7 @@ impl Given {
             return Err("the parameter's name is empty".to_owned());
         }
         let value = serde_saphyr::from_str(value).map_err(|error| error.to_string())?;
-        Ok(Self {
-            nodes,
-            name: name.to_owned(),
-            value,
-        })
+        Ok(Self { nodes, name: name.to_owned(), value })
     }
 
     pub(super) fn is_for(&self, node: &NodeName) -> bool {
@@ -63,9 +59,7 @@ fn matches(pattern: &[&str], parts: &[&str]) -> bool {
     match (pattern, parts) {
         ([], []) => true,
         (["**", rest @ ..], _) => (0..=parts.len()).any(|skipped| matches(rest, &parts[skipped..])),
-        ([first, rest @ ..], [part, parts @ ..]) => {
-            (*first == "*" || first == part) && matches(rest, parts)
-        }
+        ([first, rest @ ..], [part, parts @ ..]) => (*first == "*" || first == part) && matches(rest, parts),
         _ => false,
     }
 }
@@ -80,17 +74,12 @@ pub(super) fn read(text: &str) -> Result<Vec<Given>, String> {
 
 fn collect_nodes(node: &str, tree: Tree, given: &mut Vec<Given>) -> Result<(), String> {
     let Tree::Map(entries) = tree else {
-        return Err(format!(
-            "{:?} holds no map with {PARAMETERS}",
-            if node.is_empty() { "the file" } else { node }
-        ));
+        return Err(format!("{:?} holds no map with {PARAMETERS}", if node.is_empty() { "the file" } else { node }));
     };
     for (key, below) in entries {
         if key == PARAMETERS {
             if !matches!(below, Tree::Map(_)) {
-                return Err(format!(
-                    "{PARAMETERS} of {node:?} is no map of names and values"
-                ));
+                return Err(format!("{PARAMETERS} of {node:?} is no map of names and values"));
             }
             collect_values(node, String::new(), below, given);
         } else {
@@ -102,18 +91,10 @@ fn collect_nodes(node: &str, tree: Tree, given: &mut Vec<Given>) -> Result<(), S
 
 fn collect_values(node: &str, name: String, tree: Tree, given: &mut Vec<Given>) {
     match tree {
-        Tree::Value(value) => given.push(Given {
-            nodes: Nodes::Matching(node.to_owned()),
-            name,
-            value,
-        }),
+        Tree::Value(value) => given.push(Given { nodes: Nodes::Matching(node.to_owned()), name, value }),
         Tree::Map(entries) => {
             for (key, below) in entries {
-                let name = if name.is_empty() {
-                    key
-                } else {
-                    format!("{name}.{key}")
-                };
+                let name = if name.is_empty() { key } else { format!("{name}.{key}") };
                 collect_values(node, name, below, given);
             }
         }

@@ -20,28 +20,18 @@ pub(super) struct Rule {
 impl Rule {
     pub(super) fn parse(text: &str) -> Result<Self, String> {
         let (from, to) = text.split_once(":=").ok_or("there is no := in it")?;
-        let (from, kind) = match (
-            from.strip_prefix("rostopic://"),
-            from.strip_prefix("rosservice://"),
-        ) {
+        let (from, kind) = match (from.strip_prefix("rostopic://"), from.strip_prefix("rosservice://")) {
             (Some(from), _) => (from, Some(NameKind::Topic)),
             (_, Some(from)) => (from, Some(NameKind::Service)),
             _ => (from, None),
         };
-        let (node, from) = from
-            .split_once(':')
-            .map_or((None, from), |(node, from)| (Some(node.to_owned()), from));
+        let (node, from) = from.split_once(':').map_or((None, from), |(node, from)| (Some(node.to_owned()), from));
         if from.is_empty() || to.is_empty() {
             return Err("a name is empty".to_owned());
         }
         // Two words for one thing.
         let from = if from == "__name" { "__node" } else { from };
-        Ok(Self {
-            node,
-            kind,
-            from: from.to_owned(),
-            to: to.to_owned(),
-        })
+        Ok(Self { node, kind, from: from.to_owned(), to: to.to_owned() })
     }
 
     fn is_for(&self, node: &NodeName) -> bool {
@@ -59,22 +49,14 @@ impl Rule {
 }
 
 /// The first rule that fits is applied, once.
-pub(super) fn resolve(
-    rules: &[Rule],
-    node: &NodeName,
-    name: &str,
-    kind: NameKind,
-) -> Result<String, DdsError> {
+pub(super) fn resolve(rules: &[Rule], node: &NodeName, name: &str, kind: NameKind) -> Result<String, DdsError> {
     let full = expand(name, node)?;
     let fits = |rule: &&Rule| {
         rule.is_for(node)
             && rule.kind.is_none_or(|of| of == kind)
             && expand(&rule.from, node).is_ok_and(|from| from == full)
     };
-    rules
-        .iter()
-        .find(fits)
-        .map_or(Ok(full.clone()), |rule| expand(&rule.to, node))
+    rules.iter().find(fits).map_or(Ok(full.clone()), |rule| expand(&rule.to, node))
 }
 
 /// The absolute form of a name.
@@ -86,11 +68,7 @@ fn expand(name: &str, node: &NodeName) -> Result<String, DdsError> {
     };
     if name.starts_with('~') && !name.starts_with("~/") {
         let reason = "~ stands for the node's name and is followed by a slash".to_owned();
-        return Err(DdsError::Name {
-            what: "name",
-            value: name.to_owned(),
-            reason,
-        });
+        return Err(DdsError::Name { what: "name", value: name.to_owned(), reason });
     }
     check_absolute("name", &full).map(|()| full)
 }

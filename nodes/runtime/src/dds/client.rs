@@ -37,24 +37,11 @@ impl Participant {
     ///
     /// # Errors
     /// [`DdsError::Name`] for a bad name, [`DdsError::Endpoint`] when the middleware refuses.
-    pub fn client(
-        &self,
-        name: &str,
-        request_dds_type: &str,
-        response_dds_type: &str,
-    ) -> Result<Client, DdsError> {
+    pub fn client(&self, name: &str, request_dds_type: &str, response_dds_type: &str) -> Result<Client, DdsError> {
         let qos = Qos::service();
         let reply_topic = dds_name("service", "rr", name, "Reply")?;
-        let writer = self.writer_of(
-            &dds_name("service", "rq", name, "Request")?,
-            request_dds_type,
-            &qos,
-        )?;
-        let calls = Arc::new(Calls {
-            service: name.into(),
-            waiting: Mutex::default(),
-            refused: AtomicU64::new(0),
-        });
+        let writer = self.writer_of(&dds_name("service", "rq", name, "Request")?, request_dds_type, &qos)?;
+        let calls = Arc::new(Calls { service: name.into(), waiting: Mutex::default(), refused: AtomicU64::new(0) });
         // The reader's function needs the reader's own identity, which is known only afterwards; no
         // reply can come before the first request.
         let id = Arc::new(OnceLock::new());
@@ -66,10 +53,7 @@ impl Participant {
                 }
             }
         })?;
-        let id = *id.get_or_init(|| ClientId {
-            writer: writer.guid(),
-            reader: reader.guid(),
-        });
+        let id = *id.get_or_init(|| ClientId { writer: writer.guid(), reader: reader.guid() });
         let line = Arc::new(Line {
             id,
             outlet: writer.outlet(),
@@ -78,13 +62,7 @@ impl Participant {
             next_number: AtomicI64::new(1),
         });
         let (open, _) = watch::channel(());
-        Ok(Client {
-            open,
-            line,
-            spawner: self.spawner(),
-            _reader: reader,
-            _writer: writer,
-        })
+        Ok(Client { open, line, spawner: self.spawner(), _reader: reader, _writer: writer })
     }
 }
 
@@ -113,11 +91,7 @@ impl Client {
             // Nobody waits any more: then nobody needs the reply.
             let _ = sender.send(outcome);
         });
-        Call {
-            reply,
-            service: self.line.calls.service.clone(),
-            spawner: self.spawner.clone(),
-        }
+        Call { reply, service: self.line.calls.service.clone(), spawner: self.spawner.clone() }
     }
 
     /// As [`call`](Self::call), with the outcome going to a function on the participant's thread, which
@@ -218,9 +192,7 @@ impl Call {
     /// [`CallError`] when there is no reply.
     pub fn wait(self) -> Result<Reply, CallError> {
         if self.spawner.is_current_thread() {
-            return Err(CallError::WouldWaitForever {
-                service: self.service.to_string(),
-            });
+            return Err(CallError::WouldWaitForever { service: self.service.to_string() });
         }
         futures::executor::block_on(self)
     }
@@ -231,11 +203,7 @@ impl Future for Call {
 
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {
         let outcome = std::task::ready!(Pin::new(&mut self.reply).poll(context));
-        Poll::Ready(outcome.unwrap_or_else(|_| {
-            Err(CallError::Closed {
-                service: self.service.to_string(),
-            })
-        }))
+        Poll::Ready(outcome.unwrap_or_else(|_| Err(CallError::Closed { service: self.service.to_string() })))
     }
 }
 
@@ -259,11 +227,7 @@ impl Line {
     fn server(&self) -> Option<Guid> {
         let replying = self.servers.matched();
         let asked = self.outlet.peers.matched();
-        asked.into_iter().find(|reader| {
-            replying
-                .iter()
-                .any(|writer| writer.participant() == reader.participant())
-        })
+        asked.into_iter().find(|reader| replying.iter().any(|writer| writer.participant() == reader.participant()))
     }
 
     async fn call(&self, payload: Bytes, patience: Duration) -> Result<Reply, CallError> {
@@ -277,14 +241,8 @@ impl Line {
         match timeout(patience, exchange).await {
             Ok(Some(reply)) => Ok(reply),
             Ok(None) => Err(CallError::Closed { service: service() }),
-            Err(_) if sent => Err(CallError::TimedOut {
-                service: service(),
-                timeout: patience,
-            }),
-            Err(_) => Err(CallError::Unavailable {
-                service: service(),
-                timeout: patience,
-            }),
+            Err(_) if sent => Err(CallError::TimedOut { service: service(), timeout: patience }),
+            Err(_) => Err(CallError::Unavailable { service: service(), timeout: patience }),
         }
     }
 
@@ -305,8 +263,7 @@ impl Line {
 
     /// Sends a request in the server's form and waits for its reply.
     async fn exchange(&self, server: Guid, body: Bytes) -> Option<Reply> {
-        let header =
-            wire::speaks_header(server).then(|| self.next_number.fetch_add(1, Ordering::Relaxed));
+        let header = wire::speaks_header(server).then(|| self.next_number.fetch_add(1, Ordering::Relaxed));
         let (payload, related) = match header {
             Some(number) => (self.id.header_request(number, &body), None),
             None => (body, Some(self.id.related_request())),
@@ -341,10 +298,7 @@ impl Calls {
             Ok(Some((to, payload))) => {
                 // A reply that came twice, or too late, finds nobody.
                 if let Some(call) = self.waiting().remove(&to) {
-                    let _ = call.send(Reply {
-                        payload,
-                        little_endian: sample.little_endian,
-                    });
+                    let _ = call.send(Reply { payload, little_endian: sample.little_endian });
                 }
             }
             Ok(None) => {}

@@ -48,9 +48,7 @@ impl Domain {
     /// # Errors
     /// [`DdsError::Environment`] names the variable, its value and what is allowed.
     pub fn from_env() -> Result<Self, DdsError> {
-        Self::from_lookup(|variable| {
-            std::env::var_os(variable).map(|value| value.to_string_lossy().into_owned())
-        })
+        Self::from_lookup(|variable| std::env::var_os(variable).map(|value| value.to_string_lossy().into_owned()))
     }
 
     /// As [`from_env`](Self::from_env), with the variables taken from a function.
@@ -61,13 +59,11 @@ impl Domain {
         let set = |variable| lookup(variable).filter(|value| !value.is_empty());
         let id = match set(DOMAIN_ID) {
             None => 0,
-            Some(value) => value.parse().ok().filter(|id| *id <= Self::ID_MAX).ok_or(
-                DdsError::Environment {
-                    variable: DOMAIN_ID,
-                    value,
-                    allowed: "a number from 0 to 232",
-                },
-            )?,
+            Some(value) => value.parse().ok().filter(|id| *id <= Self::ID_MAX).ok_or(DdsError::Environment {
+                variable: DOMAIN_ID,
+                value,
+                allowed: "a number from 0 to 232",
+            })?,
         };
         let range = match set(RANGE).as_deref() {
             None | Some("SUBNET" | "SYSTEM_DEFAULT") => DiscoveryRange::Subnet,
@@ -83,15 +79,10 @@ impl Domain {
         };
         match set(LOCALHOST_ONLY).as_deref() {
             None | Some("0") => Ok(Self { id, range }),
-            Some("1") => Ok(Self {
-                id,
-                range: DiscoveryRange::Localhost,
-            }),
-            Some(other) => Err(DdsError::Environment {
-                variable: LOCALHOST_ONLY,
-                value: other.to_owned(),
-                allowed: "0, 1",
-            }),
+            Some("1") => Ok(Self { id, range: DiscoveryRange::Localhost }),
+            Some(other) => {
+                Err(DdsError::Environment { variable: LOCALHOST_ONLY, value: other.to_owned(), allowed: "0, 1" })
+            }
         }
     }
 }
@@ -101,48 +92,25 @@ mod tests {
     use super::*;
 
     fn read(variables: &[(&str, &str)]) -> Result<Domain, DdsError> {
-        Domain::from_lookup(|name| {
-            variables
-                .iter()
-                .find(|(n, _)| *n == name)
-                .map(|(_, value)| (*value).to_owned())
-        })
+        Domain::from_lookup(|name| variables.iter().find(|(n, _)| *n == name).map(|(_, value)| (*value).to_owned()))
     }
 
     #[test]
     fn nothing_set_is_what_ros_does() {
-        let domain = Domain {
-            id: 0,
-            range: DiscoveryRange::Subnet,
-        };
+        let domain = Domain { id: 0, range: DiscoveryRange::Subnet };
         assert_eq!(read(&[]).expect("defaults"), domain);
-        assert_eq!(
-            read(&[(DOMAIN_ID, ""), (RANGE, "")]).expect("empty is unset"),
-            domain
-        );
+        assert_eq!(read(&[(DOMAIN_ID, ""), (RANGE, "")]).expect("empty is unset"), domain);
     }
 
     #[test]
     fn values_are_read() {
         let read = |variables| read(variables).expect("good values");
         assert_eq!(read(&[(DOMAIN_ID, "232")]).id, 232);
-        assert_eq!(
-            read(&[(RANGE, "LOCALHOST")]).range,
-            DiscoveryRange::Localhost
-        );
+        assert_eq!(read(&[(RANGE, "LOCALHOST")]).range, DiscoveryRange::Localhost);
         assert_eq!(read(&[(RANGE, "OFF")]).range, DiscoveryRange::Off);
-        assert_eq!(
-            read(&[(RANGE, "SYSTEM_DEFAULT")]).range,
-            DiscoveryRange::Subnet
-        );
-        assert_eq!(
-            read(&[(RANGE, "SUBNET"), (LOCALHOST_ONLY, "1")]).range,
-            DiscoveryRange::Localhost
-        );
-        assert_eq!(
-            read(&[(RANGE, "LOCALHOST"), (LOCALHOST_ONLY, "0")]).range,
-            DiscoveryRange::Localhost
-        );
+        assert_eq!(read(&[(RANGE, "SYSTEM_DEFAULT")]).range, DiscoveryRange::Subnet);
+        assert_eq!(read(&[(RANGE, "SUBNET"), (LOCALHOST_ONLY, "1")]).range, DiscoveryRange::Localhost);
+        assert_eq!(read(&[(RANGE, "LOCALHOST"), (LOCALHOST_ONLY, "0")]).range, DiscoveryRange::Localhost);
     }
 
     #[test]
@@ -158,12 +126,7 @@ mod tests {
             (LOCALHOST_ONLY, "yes"),
         ] {
             let message = read(&[(variable, value)]).expect_err(value).to_string();
-            assert!(
-                message.contains(variable)
-                    && message.contains(value)
-                    && message.contains("allowed"),
-                "{message}"
-            );
+            assert!(message.contains(variable) && message.contains(value) && message.contains("allowed"), "{message}");
         }
     }
 }

@@ -50,9 +50,7 @@ pub enum DdsError {
 pub enum PublishError {
     /// Some reliable reader has left too many samples unacknowledged. Nothing was sent: try again
     /// later with the returned body, or give it up.
-    #[error(
-        "{topic}: a reliable reader has fallen behind, the writer holds {backlog} unacknowledged samples"
-    )]
+    #[error("{topic}: a reliable reader has fallen behind, the writer holds {backlog} unacknowledged samples")]
     Full {
         /// DDS name of the topic.
         topic: String,

@@ -22,40 +22,22 @@ impl Executor {
     pub(super) fn start(thread_name: &str) -> io::Result<Self> {
         // No I/O driver: the DDS library has its own threads for sockets and wakes us through
         // wakers, so parking is a futex wait rather than a poll of descriptors.
-        let runtime = runtime::Builder::new_current_thread()
-            .enable_time()
-            .build()?;
+        let runtime = runtime::Builder::new_current_thread().enable_time().build()?;
         let handle = runtime.handle().clone();
         let (stop, stopped) = oneshot::channel::<()>();
-        let thread = thread::Builder::new()
-            .name(thread_name.to_owned())
-            .spawn(move || {
-                // Ends by the message or by the sender's end; both mean stop.
-                let _ = runtime.block_on(stopped);
-            })?;
-        let spawner = Spawner {
-            handle,
-            thread: thread.thread().id(),
-        };
-        Ok(Self {
-            spawner,
-            stop: Some(stop),
-            thread: Some(thread),
-        })
+        let thread = thread::Builder::new().name(thread_name.to_owned()).spawn(move || {
+            // Ends by the message or by the sender's end; both mean stop.
+            let _ = runtime.block_on(stopped);
+        })?;
+        let spawner = Spawner { handle, thread: thread.thread().id() };
+        Ok(Self { spawner, stop: Some(stop), thread: Some(thread) })
     }
 
     /// Starts a task; it ends when it is done or when the returned handle is dropped.
     pub(super) fn spawn(&self, future: impl Future<Output = ()> + Send + 'static) -> Task {
         let (alive, ended) = mpsc::channel();
-        let task = self.spawner.handle.spawn(Tracked {
-            future: Box::pin(future),
-            _alive: alive,
-        });
-        Task {
-            abort: task.abort_handle(),
-            ended: Mutex::new(ended),
-            spawner: self.spawner.clone(),
-        }
+        let task = self.spawner.handle.spawn(Tracked { future: Box::pin(future), _alive: alive });
+        Task { abort: task.abort_handle(), ended: Mutex::new(ended), spawner: self.spawner.clone() }
     }
 
     pub(super) fn spawner(&self) -> &Spawner {
@@ -108,11 +90,7 @@ impl Drop for Task {
         self.abort.abort();
         if !self.spawner.is_current_thread() {
             // Nothing is ever sent: this returns when the task's end of the channel is dropped.
-            let _ = self
-                .ended
-                .get_mut()
-                .unwrap_or_else(PoisonError::into_inner)
-                .recv();
+            let _ = self.ended.get_mut().unwrap_or_else(PoisonError::into_inner).recv();
         }
     }
 }

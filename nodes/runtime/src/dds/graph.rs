@@ -48,16 +48,12 @@ pub struct Graph {
 impl Graph {
     /// Writers of a ROS topic, e.g. `/feeder/waveform`.
     pub fn writers_of(&self, topic: &str) -> impl Iterator<Item = &Endpoint> {
-        self.writers
-            .iter()
-            .filter(move |writer| writer.topic.strip_prefix("rt") == Some(topic))
+        self.writers.iter().filter(move |writer| writer.topic.strip_prefix("rt") == Some(topic))
     }
 
     /// Readers of a ROS topic.
     pub fn readers_of(&self, topic: &str) -> impl Iterator<Item = &Endpoint> {
-        self.readers
-            .iter()
-            .filter(move |reader| reader.topic.strip_prefix("rt") == Some(topic))
+        self.readers.iter().filter(move |reader| reader.topic.strip_prefix("rt") == Some(topic))
     }
 
     /// Whether a node of this fully qualified name is there.
@@ -71,15 +67,8 @@ impl Graph {
     pub fn topics(&self) -> BTreeMap<&str, BTreeSet<&str>> {
         let mut topics = BTreeMap::<_, BTreeSet<_>>::new();
         for endpoint in self.writers.iter().chain(&self.readers) {
-            if let Some(topic) = endpoint
-                .topic
-                .strip_prefix("rt")
-                .filter(|topic| topic.starts_with('/'))
-            {
-                topics
-                    .entry(topic)
-                    .or_default()
-                    .insert(endpoint.dds_type.as_str());
+            if let Some(topic) = endpoint.topic.strip_prefix("rt").filter(|topic| topic.starts_with('/')) {
+                topics.entry(topic).or_default().insert(endpoint.dds_type.as_str());
             }
         }
         topics
@@ -88,10 +77,7 @@ impl Graph {
 
 pub(super) fn readers(participant: &DomainParticipant) -> Vec<Endpoint> {
     let describe = |data: &ros2_client::dds::rustdds::discovery::DiscoveredReaderData| {
-        let (topic, qos) = (
-            &data.subscription_topic_data,
-            data.subscription_topic_data.qos(),
-        );
+        let (topic, qos) = (&data.subscription_topic_data, data.subscription_topic_data.qos());
         Endpoint {
             guid: data.reader_proxy.remote_reader_guid.into(),
             topic: topic.topic_name().clone(),
@@ -100,19 +86,12 @@ pub(super) fn readers(participant: &DomainParticipant) -> Vec<Endpoint> {
             durability: durability_of(&qos),
         }
     };
-    participant
-        .discovered_readers()
-        .iter()
-        .map(describe)
-        .collect()
+    participant.discovered_readers().iter().map(describe).collect()
 }
 
 pub(super) fn writers(participant: &DomainParticipant) -> Vec<Endpoint> {
     let describe = |data: &ros2_client::dds::rustdds::discovery::DiscoveredWriterData| {
-        let (topic, qos) = (
-            &data.publication_topic_data,
-            data.publication_topic_data.qos(),
-        );
+        let (topic, qos) = (&data.publication_topic_data, data.publication_topic_data.qos());
         Endpoint {
             guid: data.writer_proxy.remote_writer_guid.into(),
             topic: topic.topic_name.clone(),
@@ -121,11 +100,7 @@ pub(super) fn writers(participant: &DomainParticipant) -> Vec<Endpoint> {
             durability: durability_of(&qos),
         }
     };
-    participant
-        .discovered_writers()
-        .iter()
-        .map(describe)
-        .collect()
+    participant.discovered_writers().iter().map(describe).collect()
 }
 
 /// The nodes each participant has announced on `ros_discovery_info`.
@@ -141,15 +116,9 @@ impl Nodes {
                 let nodes = info
                     .nodes()
                     .iter()
-                    .map(|node| NodeInfo {
-                        name: node.fully_qualified_name(),
-                        participant,
-                    })
+                    .map(|node| NodeInfo { name: node.fully_qualified_name(), participant })
                     .collect();
-                self.0
-                    .lock()
-                    .unwrap_or_else(PoisonError::into_inner)
-                    .insert(sample.writer_guid.participant(), nodes);
+                self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(sample.writer_guid.participant(), nodes);
             }
             Err(error) => {
                 tracing::warn!(writer = %sample.writer_guid, "node announcement refused: {error}");
@@ -160,10 +129,7 @@ impl Nodes {
     /// The nodes of participants that still have writers (each has at least the one it announces
     /// its nodes with); those of others are forgotten.
     pub(super) fn alive(&self, writers: &[Endpoint]) -> Vec<NodeInfo> {
-        let present: BTreeSet<_> = writers
-            .iter()
-            .map(|writer| writer.guid.participant())
-            .collect();
+        let present: BTreeSet<_> = writers.iter().map(|writer| writer.guid.participant()).collect();
         let mut announced = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         announced.retain(|participant, _| present.contains(participant));
         let mut nodes: Vec<_> = announced.values().flatten().cloned().collect();

@@ -13,11 +13,7 @@ impl NodeName {
     /// [`DdsError::Name`] when one of them is empty, has characters other than letters, digits and
     /// underscores, begins with a digit, or has misplaced slashes.
     pub fn new(namespace: &str, name: &str) -> Result<Self, DdsError> {
-        let refuse = |what, value: &str, reason: String| DdsError::Name {
-            what,
-            value: value.to_owned(),
-            reason,
-        };
+        let refuse = |what, value: &str, reason: String| DdsError::Name { what, value: value.to_owned(), reason };
         if namespace != "/" {
             check_absolute("namespace", namespace)?;
         }
@@ -52,26 +48,13 @@ impl fmt::Display for NodeName {
 
 /// Checks an absolute ROS name such as `/feeder/waveform`.
 pub(crate) fn check_absolute(what: &'static str, name: &str) -> Result<(), DdsError> {
-    let refuse = |reason: String| DdsError::Name {
-        what,
-        value: name.to_owned(),
-        reason,
-    };
+    let refuse = |reason: String| DdsError::Name { what, value: name.to_owned(), reason };
     let parsed = ros2_client::Name::parse(name).map_err(|error| refuse(error.to_string()))?;
-    if parsed.is_absolute() {
-        Ok(())
-    } else {
-        Err(refuse("it must begin with a slash".to_owned()))
-    }
+    if parsed.is_absolute() { Ok(()) } else { Err(refuse("it must begin with a slash".to_owned())) }
 }
 
 /// The DDS name of an absolute ROS name: `rt` for topics, `rq` and `rr` for requests and replies.
-pub(super) fn dds_name(
-    what: &'static str,
-    prefix: &str,
-    ros_name: &str,
-    suffix: &str,
-) -> Result<String, DdsError> {
+pub(super) fn dds_name(what: &'static str, prefix: &str, ros_name: &str, suffix: &str) -> Result<String, DdsError> {
     check_absolute(what, ros_name)?;
     Ok(format!("{prefix}{ros_name}{suffix}"))
 }
@@ -83,19 +66,10 @@ mod tests {
     #[test]
     fn good_names() {
         let node = NodeName::new("/feeder", "courier_driver").expect("good");
-        assert_eq!(
-            (node.namespace(), node.name()),
-            ("/feeder", "courier_driver")
-        );
+        assert_eq!((node.namespace(), node.name()), ("/feeder", "courier_driver"));
         assert_eq!(node.to_string(), "/feeder/courier_driver");
-        assert_eq!(
-            NodeName::new("/", "clock").expect("good").to_string(),
-            "/clock"
-        );
-        assert_eq!(
-            dds_name("topic", "rt", "/a/_action/status", "").expect("good"),
-            "rt/a/_action/status"
-        );
+        assert_eq!(NodeName::new("/", "clock").expect("good").to_string(), "/clock");
+        assert_eq!(dds_name("topic", "rt", "/a/_action/status", "").expect("good"), "rt/a/_action/status");
     }
 
     #[test]
@@ -112,10 +86,7 @@ mod tests {
             ("/", "a-b"),
             ("/", "a/b"),
         ] {
-            assert!(
-                NodeName::new(namespace, name).is_err(),
-                "{namespace:?} {name:?}"
-            );
+            assert!(NodeName::new(namespace, name).is_err(), "{namespace:?} {name:?}");
         }
         for topic in ["", "/", "waveform", "/a//b", "/a/", "/a b", "/ä", "/1"] {
             assert!(dds_name("topic", "rt", topic, "").is_err(), "{topic:?}");

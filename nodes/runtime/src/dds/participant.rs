@@ -9,15 +9,14 @@ use ros2_client::{
     Gid,
     builtin_topics::ros_discovery,
     dds::rustdds::{
-        DomainParticipant, DomainParticipantBuilder, Publisher, QosPolicies, RTPSEntity,
-        Subscriber, Timestamp, Topic, TopicKind, dds::CreateError, no_key::DataWriterCdr,
+        DomainParticipant, DomainParticipantBuilder, Publisher, QosPolicies, RTPSEntity, Subscriber, Timestamp, Topic,
+        TopicKind, dds::CreateError, no_key::DataWriterCdr,
     },
     entities_info::{NodeEntitiesInfo, ParticipantEntitiesInfo},
 };
 
 use super::{
-    DdsError, DiscoveryRange, Domain, Graph, Guid, NodeName, Qos, Reader, SOCKET_BUFFER_BYTES,
-    Sample, Writer,
+    DdsError, DiscoveryRange, Domain, Graph, Guid, NodeName, Qos, Reader, SOCKET_BUFFER_BYTES, Sample, Writer,
     executor::{Executor, Spawner, Task as BackgroundTask},
     graph::{self, Nodes},
     names::dds_name,
@@ -49,11 +48,7 @@ impl Participant {
     /// # Errors
     /// [`DdsError::Join`] when no port or thread is to be had.
     pub fn open(domain: &Domain, node: &NodeName) -> Result<Self, DdsError> {
-        let refuse = |reason: String| DdsError::Join {
-            node: node.to_string(),
-            domain: domain.id,
-            reason,
-        };
+        let refuse = |reason: String| DdsError::Join { node: node.to_string(), domain: domain.id, reason };
         if domain.id > Domain::ID_MAX {
             return Err(refuse(format!("the largest domain is {}", Domain::ID_MAX)));
         }
@@ -63,9 +58,7 @@ impl Participant {
         let domain_participant = match domain.range {
             DiscoveryRange::Localhost => builder.with_only_networks([Ipv4Addr::LOCALHOST]),
             DiscoveryRange::Subnet => builder,
-            DiscoveryRange::Off => builder
-                .with_only_networks([Ipv4Addr::UNSPECIFIED; 0])
-                .same_host_loopback(false),
+            DiscoveryRange::Off => builder.with_only_networks([Ipv4Addr::UNSPECIFIED; 0]).same_host_loopback(false),
         }
         .build()
         .map_err(|error| refuse(error.to_string()))?;
@@ -80,14 +73,11 @@ impl Participant {
                 TopicKind::NoKey,
             )?;
             let writer = publisher.create_datawriter_no_key_cdr(&topic, None)?;
-            let reader =
-                subscriber.create_simple_datareader_no_key::<Raw, RawAdapter>(&topic, None)?;
+            let reader = subscriber.create_simple_datareader_no_key::<Raw, RawAdapter>(&topic, None)?;
             Ok((publisher, subscriber, writer, reader))
         };
-        let (publisher, subscriber, writer, reader) =
-            join().map_err(|error| refuse(error.to_string()))?;
-        let executor = Executor::start(&format!("dds {}", node.name()))
-            .map_err(|error| refuse(error.to_string()))?;
+        let (publisher, subscriber, writer, reader) = join().map_err(|error| refuse(error.to_string()))?;
+        let executor = Executor::start(&format!("dds {}", node.name())).map_err(|error| refuse(error.to_string()))?;
         let nodes = Arc::new(Nodes::default());
         executor.spawner().spawn(super::reader::drain_into(reader, {
             let nodes = nodes.clone();
@@ -111,9 +101,7 @@ impl Participant {
             domain_participant,
         };
         inner.announcement().publish();
-        Ok(Self {
-            inner: Arc::new(inner),
-        })
+        Ok(Self { inner: Arc::new(inner) })
     }
 
     /// Publishes a ROS topic, e.g. `/feeder/waveform` of DDS type
@@ -146,11 +134,7 @@ impl Participant {
     pub fn discovered(&self) -> Graph {
         let writers = graph::writers(&self.inner.domain_participant);
         let readers = graph::readers(&self.inner.domain_participant);
-        Graph {
-            nodes: self.inner.nodes.alive(&writers),
-            writers,
-            readers,
-        }
+        Graph { nodes: self.inner.nodes.alive(&writers), writers, readers }
     }
 
     /// The node this participant announces.
@@ -166,10 +150,7 @@ impl Participant {
     }
 
     /// Starts a task on the participant's thread; it ends with the returned handle.
-    pub(crate) fn background(
-        &self,
-        task: impl Future<Output = ()> + Send + 'static,
-    ) -> BackgroundTask {
+    pub(crate) fn background(&self, task: impl Future<Output = ()> + Send + 'static) -> BackgroundTask {
         self.inner.executor.spawn(task)
     }
 
@@ -178,18 +159,11 @@ impl Participant {
     }
 
     /// A writer of a topic given by its DDS name.
-    pub(super) fn writer_of(
-        &self,
-        name: &str,
-        dds_type: &str,
-        qos: &Qos,
-    ) -> Result<Writer, DdsError> {
+    pub(super) fn writer_of(&self, name: &str, dds_type: &str, qos: &Qos) -> Result<Writer, DdsError> {
         let policies = qos.to_policies();
         let make = || -> Result<RawWriter, CreateError> {
             let topic = self.inner.topic(name, dds_type, &policies)?;
-            self.inner
-                .publisher
-                .create_datawriter_no_key(&topic, Some(policies.clone()))
+            self.inner.publisher.create_datawriter_no_key(&topic, Some(policies.clone()))
         };
         let raw = make().map_err(|error| endpoint_error("writer", name, &error))?;
         let guid = raw.guid().into();
@@ -209,20 +183,11 @@ impl Participant {
         let policies = qos.to_policies();
         let make = || -> Result<RawReader, CreateError> {
             let topic = self.inner.topic(name, dds_type, &policies)?;
-            self.inner
-                .subscriber
-                .create_simple_datareader_no_key(&topic, Some(policies.clone()))
+            self.inner.subscriber.create_simple_datareader_no_key(&topic, Some(policies.clone()))
         };
         let raw = make().map_err(|error| endpoint_error("reader", name, &error))?;
         let guid = raw.guid().into();
-        let reader = Reader::start(
-            self.inner.clone(),
-            raw,
-            name.into(),
-            dds_type,
-            *qos,
-            deliver,
-        );
+        let reader = Reader::start(self.inner.clone(), raw, name.into(), dds_type, *qos, deliver);
         self.inner.announcement().change(|a| a.readers.insert(guid));
         Ok(reader)
     }
@@ -230,41 +195,21 @@ impl Participant {
 
 impl fmt::Debug for Participant {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "Participant({} in domain {})",
-            self.inner.name, self.inner.domain.id
-        )
+        write!(f, "Participant({} in domain {})", self.inner.name, self.inner.domain.id)
     }
 }
 
 fn endpoint_error(what: &'static str, name: &str, error: &CreateError) -> DdsError {
-    DdsError::Endpoint {
-        what,
-        name: name.to_owned(),
-        reason: error.to_string(),
-    }
+    DdsError::Endpoint { what, name: name.to_owned(), reason: error.to_string() }
 }
 
 impl Inner {
-    fn topic(
-        &self,
-        name: &str,
-        dds_type: &str,
-        policies: &QosPolicies,
-    ) -> Result<Topic, CreateError> {
-        self.domain_participant.create_topic(
-            name.to_owned(),
-            dds_type.to_owned(),
-            policies,
-            TopicKind::NoKey,
-        )
+    fn topic(&self, name: &str, dds_type: &str, policies: &QosPolicies) -> Result<Topic, CreateError> {
+        self.domain_participant.create_topic(name.to_owned(), dds_type.to_owned(), policies, TopicKind::NoKey)
     }
 
     fn announcement(&self) -> MutexGuard<'_, Announcement> {
-        self.announcement
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
+        self.announcement.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(super) fn withdraw_reader(&self, guid: Guid) {
@@ -294,12 +239,8 @@ impl Announcement {
 
     fn publish(&self) {
         let mut node = NodeEntitiesInfo::new(self.name.inner().clone());
-        self.readers
-            .iter()
-            .for_each(|guid| node.add_reader(Gid::from(guid.0)));
-        self.writers
-            .iter()
-            .for_each(|guid| node.add_writer(Gid::from(guid.0)));
+        self.readers.iter().for_each(|guid| node.add_reader(Gid::from(guid.0)));
+        self.writers.iter().for_each(|guid| node.add_writer(Gid::from(guid.0)));
         let info = ParticipantEntitiesInfo::new(Gid::from(self.participant.0), vec![node]);
         if let Err(error) = self.writer.write(info, Some(Timestamp::now())) {
             tracing::warn!(node = %self.name, "the node's endpoints could not be announced: {error}");

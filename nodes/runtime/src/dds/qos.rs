@@ -39,57 +39,32 @@ impl Qos {
     /// Streams of which only the newest counts: raw images, ground truth, copies for onlookers.
     #[must_use]
     pub const fn sensor() -> Self {
-        Self {
-            reliability: Reliability::BestEffort,
-            durability: Durability::Volatile,
-            depth: 5,
-            backlog: 8,
-        }
+        Self { reliability: Reliability::BestEffort, durability: Durability::Volatile, depth: 5, backlog: 8 }
     }
 
     /// Ordinary topics: commands, states, detections, compressed images.
     #[must_use]
     pub const fn command() -> Self {
-        Self {
-            reliability: Reliability::Reliable,
-            durability: Durability::Volatile,
-            depth: 10,
-            backlog: 256,
-        }
+        Self { reliability: Reliability::Reliable, durability: Durability::Volatile, depth: 10, backlog: 256 }
     }
 
     /// What is published rarely and holds until replaced: waveform, descriptions, fact sheets.
     /// A late reader gets up to `backlog` of the last values, oldest first: take the newest.
     #[must_use]
     pub const fn latched() -> Self {
-        Self {
-            reliability: Reliability::Reliable,
-            durability: Durability::TransientLocal,
-            depth: 1,
-            backlog: 16,
-        }
+        Self { reliability: Reliability::Reliable, durability: Durability::TransientLocal, depth: 1, backlog: 16 }
     }
 
     /// Requests and replies of services, parameters included.
     #[must_use]
     pub const fn service() -> Self {
-        Self {
-            reliability: Reliability::Reliable,
-            durability: Durability::Volatile,
-            depth: 10,
-            backlog: 256,
-        }
+        Self { reliability: Reliability::Reliable, durability: Durability::Volatile, depth: 10, backlog: 256 }
     }
 
     /// Topics of the simulation loop, whose engine bounds what is in flight to less than `backlog`.
     #[must_use]
     pub const fn loop_edge() -> Self {
-        Self {
-            reliability: Reliability::Reliable,
-            durability: Durability::Volatile,
-            depth: 64,
-            backlog: 256,
-        }
+        Self { reliability: Reliability::Reliable, durability: Durability::Volatile, depth: 64, backlog: 256 }
     }
 
     pub(super) fn to_policies(self) -> QosPolicies {
@@ -97,9 +72,7 @@ impl Qos {
         // have defaults (64 and 8,192 samples) that lose samples or hoard memory.
         let limit = i32::from(self.backlog.max(self.depth));
         let builder = QosPolicyBuilder::new()
-            .history(policy::History::KeepLast {
-                depth: i32::from(self.depth),
-            })
+            .history(policy::History::KeepLast { depth: i32::from(self.depth) })
             .resource_limits(policy::ResourceLimits {
                 max_samples: limit,
                 max_instances: 1,
@@ -119,18 +92,12 @@ impl Qos {
 
     /// Whether a writer with this QoS matches a reader that asks for these.
     pub(super) fn serves(self, reliability: Reliability, durability: Durability) -> bool {
-        offer_meets(
-            (self.reliability, self.durability),
-            (reliability, durability),
-        )
+        offer_meets((self.reliability, self.durability), (reliability, durability))
     }
 
     /// Whether a reader with this QoS matches a writer that offers these.
     pub(super) fn is_served_by(self, reliability: Reliability, durability: Durability) -> bool {
-        offer_meets(
-            (reliability, durability),
-            (self.reliability, self.durability),
-        )
+        offer_meets((reliability, durability), (self.reliability, self.durability))
     }
 }
 

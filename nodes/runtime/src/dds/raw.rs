@@ -6,10 +6,7 @@ use std::{fmt, io};
 use bytes::Bytes;
 use ros2_client::dds::rustdds::{
     GUID, RepresentationIdentifier, SampleIdentity, SequenceNumber,
-    no_key::{
-        self, Decode, DefaultDecoder, DeserializedCacheChange, DeserializerAdapter,
-        SerializerAdapter,
-    },
+    no_key::{self, Decode, DefaultDecoder, DeserializedCacheChange, DeserializerAdapter, SerializerAdapter},
 };
 use serde::de::DeserializeOwned;
 
@@ -63,9 +60,7 @@ impl SampleId {
     pub(super) fn to_dds(self) -> SampleIdentity {
         SampleIdentity {
             writer_guid: self.guid.to_dds(),
-            sequence_number: self
-                .sequence
-                .map_or(SequenceNumber::UNKNOWN, SequenceNumber::from),
+            sequence_number: self.sequence.map_or(SequenceNumber::UNKNOWN, SequenceNumber::from),
         }
     }
 }
@@ -73,10 +68,7 @@ impl SampleId {
 impl From<SampleIdentity> for SampleId {
     fn from(id: SampleIdentity) -> Self {
         let known = id.sequence_number != SequenceNumber::UNKNOWN;
-        Self {
-            guid: id.writer_guid.into(),
-            sequence: known.then(|| id.sequence_number.into()),
-        }
+        Self { guid: id.writer_guid.into(), sequence: known.then(|| id.sequence_number.into()) }
     }
 }
 
@@ -111,9 +103,7 @@ impl Sample {
             // NTP ticks of 2^-32 s since 1970.
             let ticks = stamp.to_ticks();
             let nanoseconds = ((ticks & 0xffff_ffff) * 1_000_000_000) >> 32;
-            SystemTime::UNIX_EPOCH
-                + Duration::from_secs(ticks >> 32)
-                + Duration::from_nanos(nanoseconds)
+            SystemTime::UNIX_EPOCH + Duration::from_secs(ticks >> 32) + Duration::from_nanos(nanoseconds)
         });
         Self {
             writer_guid: change.writer_guid.into(),
@@ -159,10 +149,7 @@ impl DeserializerAdapter<Raw> for RawAdapter {
     type Decoded = Raw;
 
     fn supported_encodings() -> &'static [RepresentationIdentifier] {
-        &[
-            RepresentationIdentifier::CDR_LE,
-            RepresentationIdentifier::CDR_BE,
-        ]
+        &[RepresentationIdentifier::CDR_LE, RepresentationIdentifier::CDR_BE]
     }
 
     fn transform_decoded(decoded: Raw) -> Raw {
@@ -180,9 +167,6 @@ impl Decode<'_, Raw> for RawDecoder {
 
     fn decode_bytes(self, bytes: &[u8], encoding: RepresentationIdentifier) -> io::Result<Raw> {
         // Copied, since a slice would keep the whole receive buffer (256 kB) alive.
-        Ok(Raw {
-            payload: Bytes::copy_from_slice(bytes),
-            little_endian: encoding == RepresentationIdentifier::CDR_LE,
-        })
+        Ok(Raw { payload: Bytes::copy_from_slice(bytes), little_endian: encoding == RepresentationIdentifier::CDR_LE })
     }
 }

@@ -45,8 +45,7 @@ impl Reader {
         let refused = Arc::new(AtomicU64::new(0));
         let watch = {
             let (raw, peers, topic) = (raw.clone(), peers.clone(), topic.clone());
-            let (domain_participant, dds_type) =
-                (participant.domain_participant.clone(), dds_type.to_owned());
+            let (domain_participant, dds_type) = (participant.domain_participant.clone(), dds_type.to_owned());
             async move {
                 let discovered = || {
                     graph::writers(&domain_participant)
@@ -56,25 +55,13 @@ impl Reader {
                         .map(|writer| writer.guid)
                         .collect()
                 };
-                let events = raw
-                    .as_async_status_stream()
-                    .map(|status| peer_event(&status));
+                let events = raw.as_async_status_stream().map(|status| peer_event(&status));
                 peers.follow(&topic, events, discovered).await;
             }
         };
         let drain = drain(raw, topic.clone(), refused.clone(), deliver);
-        let tasks = [
-            participant.executor.spawn(drain),
-            participant.executor.spawn(watch),
-        ];
-        Self {
-            _tasks: tasks,
-            guid,
-            topic,
-            peers,
-            refused,
-            participant,
-        }
+        let tasks = [participant.executor.spawn(drain), participant.executor.spawn(watch)];
+        Self { _tasks: tasks, guid, topic, peers, refused, participant }
     }
 
     /// DDS name of the topic.
@@ -146,15 +133,13 @@ async fn drain(
 /// What a reader's status event says of its writers.
 fn peer_event(status: &DataReaderStatus) -> PeerEvent {
     match status {
-        DataReaderStatus::SubscriptionMatched {
-            current, writer, ..
-        } if current.count_change() > 0 => PeerEvent::Joined((*writer).into()),
+        DataReaderStatus::SubscriptionMatched { current, writer, .. } if current.count_change() > 0 => {
+            PeerEvent::Joined((*writer).into())
+        }
         DataReaderStatus::SubscriptionMatched { writer, .. } => PeerEvent::Left((*writer).into()),
-        DataReaderStatus::RequestedIncompatibleQos {
-            last_policy_id,
-            writer,
-            ..
-        } => PeerEvent::Incompatible((*writer).into(), format!("{last_policy_id:?}")),
+        DataReaderStatus::RequestedIncompatibleQos { last_policy_id, writer, .. } => {
+            PeerEvent::Incompatible((*writer).into(), format!("{last_policy_id:?}"))
+        }
         _ => PeerEvent::Other,
     }
 }

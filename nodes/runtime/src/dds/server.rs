@@ -47,11 +47,7 @@ impl Participant {
     ) -> Result<Server, DdsError> {
         let qos = Qos::service();
         let request_topic = dds_name("service", "rq", name, "Request")?;
-        let writer = self.writer_of(
-            &dds_name("service", "rr", name, "Reply")?,
-            response_dds_type,
-            &qos,
-        )?;
+        let writer = self.writer_of(&dds_name("service", "rr", name, "Reply")?, response_dds_type, &qos)?;
         let counters = Arc::new(Counters::default());
         let service: Arc<str> = name.into();
         let reader = self.reader_of(&request_topic, request_dds_type, &qos, {
@@ -69,22 +65,13 @@ impl Participant {
                 };
                 match wire::read_request(&sample) {
                     Ok((form, payload)) => {
-                        deliver(Request {
-                            payload,
-                            little_endian: sample.little_endian,
-                            reply: reply(form),
-                        });
+                        deliver(Request { payload, little_endian: sample.little_endian, reply: reply(form) });
                     }
                     Err(error) => counters.refuse(&service, sample.writer_guid, &error),
                 }
             }
         })?;
-        Ok(Server {
-            _reader: reader,
-            writer,
-            counters,
-            service,
-        })
+        Ok(Server { _reader: reader, writer, counters, service })
     }
 }
 
@@ -189,8 +176,7 @@ impl ReplyHandle {
         let spawner = self.spawner.clone();
         spawner.spawn(async move {
             if let Err(reason) = self.deliver(body).await {
-                self.counters
-                    .lose_reply(&self.service, self.client, &reason);
+                self.counters.lose_reply(&self.service, self.client, &reason);
             }
         });
     }
@@ -216,18 +202,12 @@ impl ReplyHandle {
 
     async fn wait_for_readers(&self) -> Vec<Guid> {
         let peers = &self.outlet.peers;
-        let readers_among = |matched: &BTreeMap<Guid, Instant>| {
-            self.form
-                .reply_readers(self.client, matched.keys().copied())
-        };
+        let readers_among =
+            |matched: &BTreeMap<Guid, Instant>| self.form.reply_readers(self.client, matched.keys().copied());
         let mut changes = peers.changes();
-        let found = changes
-            .wait_for(|matched| !readers_among(matched).is_empty())
-            .await;
+        let found = changes.wait_for(|matched| !readers_among(matched).is_empty()).await;
         // The other outcome, that nothing will change any more, needs the peers to be gone.
-        let readers = found
-            .map(|matched| readers_among(&matched))
-            .unwrap_or_default();
+        let readers = found.map(|matched| readers_among(&matched)).unwrap_or_default();
         futures::future::join_all(readers.iter().map(|reader| peers.settled(*reader))).await;
         readers
     }
@@ -235,9 +215,7 @@ impl ReplyHandle {
     async fn deliver(&self, body: Bytes) -> Result<(), String> {
         let readers = timeout(MATCH_PATIENCE, self.wait_for_readers())
             .await
-            .map_err(|_| {
-                format!("the client's reply reader was not found in {MATCH_PATIENCE:?}")
-            })?;
+            .map_err(|_| format!("the client's reply reader was not found in {MATCH_PATIENCE:?}"))?;
         let (payload, related) = self.form.reply(body);
         for turn in 0..SEND_COUNT_MAX {
             for reader in &readers {
@@ -248,16 +226,11 @@ impl ReplyHandle {
                     }
                 }
             }
-            if timeout(FIRST_RESEND_AFTER * (1 << turn), self.outlet.acknowledged())
-                .await
-                .is_ok()
-            {
+            if timeout(FIRST_RESEND_AFTER * (1 << turn), self.outlet.acknowledged()).await.is_ok() {
                 return Ok(());
             }
         }
-        Err(format!(
-            "not acknowledged, though sent {SEND_COUNT_MAX} times"
-        ))
+        Err(format!("not acknowledged, though sent {SEND_COUNT_MAX} times"))
     }
 }
 

@@ -26,9 +26,7 @@ pub(super) enum RequestForm {
 
 /// Why a sample is no request or no reply.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "{length} bytes cannot hold the header of {HEADER_BYTES} bytes that Cyclone DDS puts before a body"
-)]
+#[error("{length} bytes cannot hold the header of {HEADER_BYTES} bytes that Cyclone DDS puts before a body")]
 pub(super) struct WireError {
     length: usize,
 }
@@ -54,26 +52,15 @@ pub(super) fn read_request(sample: &Sample) -> Result<(RequestForm, Bytes), Wire
         _ => false,
     };
     if speaks_header(client) || (!speaks_related(client) && looks_like_header()) {
-        let header = header.ok_or(WireError {
-            length: sample.payload.len(),
-        })?;
-        return Ok((
-            RequestForm::Header(header),
-            sample.payload.slice(HEADER_BYTES..),
-        ));
+        let header = header.ok_or(WireError { length: sample.payload.len() })?;
+        return Ok((RequestForm::Header(header), sample.payload.slice(HEADER_BYTES..)));
     }
     // Fast DDS clients name their reply reader and leave the number open: it is the request's own.
     let (guid, sequence) = match sample.related {
         Some(related) => (related.guid, related.sequence.unwrap_or(sample.sequence)),
         None => (client, sample.sequence),
     };
-    Ok((
-        RequestForm::Related(SampleId {
-            guid,
-            sequence: Some(sequence),
-        }),
-        sample.payload.clone(),
-    ))
+    Ok((RequestForm::Related(SampleId { guid, sequence: Some(sequence) }), sample.payload.clone()))
 }
 
 impl RequestForm {
@@ -87,16 +74,10 @@ impl RequestForm {
 
     /// Which of a reply writer's readers the reply is for: the one the request names, else all in the
     /// client's participant. To others it must not go: a reply of one form disturbs clients of the other.
-    pub(super) fn reply_readers(
-        self,
-        client: Guid,
-        matched: impl Iterator<Item = Guid> + Clone,
-    ) -> Vec<Guid> {
+    pub(super) fn reply_readers(self, client: Guid, matched: impl Iterator<Item = Guid> + Clone) -> Vec<Guid> {
         match self {
             Self::Related(id) if matched.clone().any(|reader| reader == id.guid) => vec![id.guid],
-            _ => matched
-                .filter(|reader| reader.participant() == client.participant())
-                .collect(),
+            _ => matched.filter(|reader| reader.participant() == client.participant()).collect(),
         }
     }
 }
@@ -130,39 +111,21 @@ impl ClientId {
 
     /// What a request in the related form carries beside its body.
     pub(super) fn related_request(self) -> SampleId {
-        SampleId {
-            guid: self.reader,
-            sequence: None,
-        }
+        SampleId { guid: self.reader, sequence: None }
     }
 
     /// Which request of this client a sample answers, with the bare body; `None` when it answers
     /// another client's.
     pub(super) fn read_reply(self, sample: &Sample) -> Result<Option<(ReplyTo, Bytes)>, WireError> {
         if speaks_header(sample.writer_guid) {
-            let header = split_header(&sample.payload).ok_or(WireError {
-                length: sample.payload.len(),
-            })?;
+            let header = split_header(&sample.payload).ok_or(WireError { length: sample.payload.len() })?;
             let number: [u8; 8] = std::array::from_fn(|i| header[8 + i]);
-            let number = if sample.little_endian {
-                i64::from_le_bytes(number)
-            } else {
-                i64::from_be_bytes(number)
-            };
+            let number = if sample.little_endian { i64::from_le_bytes(number) } else { i64::from_be_bytes(number) };
             let mine = header[..8] == self.writer.0[8..];
-            return Ok(mine.then(|| {
-                (
-                    ReplyTo::Header(number),
-                    sample.payload.slice(HEADER_BYTES..),
-                )
-            }));
+            return Ok(mine.then(|| (ReplyTo::Header(number), sample.payload.slice(HEADER_BYTES..))));
         }
-        let mine = sample
-            .related
-            .filter(|related| related.guid == self.reader || related.guid == self.writer);
-        Ok(mine
-            .and_then(|related| related.sequence)
-            .map(|number| (ReplyTo::Related(number), sample.payload.clone())))
+        let mine = sample.related.filter(|related| related.guid == self.reader || related.guid == self.writer);
+        Ok(mine.and_then(|related| related.sequence).map(|number| (ReplyTo::Related(number), sample.payload.clone())))
     }
 }
 
@@ -193,50 +156,21 @@ mod tests {
     }
 
     fn sample(writer_guid: Guid, related: Option<SampleId>, payload: Bytes) -> Sample {
-        Sample {
-            payload,
-            little_endian: true,
-            writer_guid,
-            sequence: 42,
-            source_timestamp: None,
-            related,
-        }
+        Sample { payload, little_endian: true, writer_guid, sequence: 42, source_timestamp: None, related }
     }
 
     #[test]
     fn a_fast_dds_request_names_its_reply_reader() {
         let (writer, reader) = (guid(FAST, 3), guid(FAST, 4));
-        let request = sample(
-            writer,
-            Some(SampleId {
-                guid: reader,
-                sequence: None,
-            }),
-            Bytes::from_static(b"body"),
-        );
+        let request = sample(writer, Some(SampleId { guid: reader, sequence: None }), Bytes::from_static(b"body"));
         let (form, body) = read_request(&request).expect("well formed");
         assert_eq!(body.as_ref(), b"body");
-        assert_eq!(
-            form,
-            RequestForm::Related(SampleId {
-                guid: reader,
-                sequence: Some(42)
-            })
-        );
+        assert_eq!(form, RequestForm::Related(SampleId { guid: reader, sequence: Some(42) }));
         let others = guid(FAST, 5);
-        assert_eq!(
-            form.reply_readers(writer, [reader, others].into_iter()),
-            [reader]
-        );
+        assert_eq!(form.reply_readers(writer, [reader, others].into_iter()), [reader]);
         assert_eq!(
             form.reply(body),
-            (
-                Bytes::from_static(b"body"),
-                Some(SampleId {
-                    guid: reader,
-                    sequence: Some(42)
-                })
-            )
+            (Bytes::from_static(b"body"), Some(SampleId { guid: reader, sequence: Some(42) }))
         );
     }
 
@@ -245,27 +179,12 @@ mod tests {
         let writer = guid(CYCLONE, 3);
         let request = sample(writer, None, Bytes::from_static(b"0123456789abcdefbody"));
         let (form, body) = read_request(&request).expect("well formed");
-        assert_eq!(
-            (form, body.as_ref()),
-            (
-                RequestForm::Header(*b"0123456789abcdef"),
-                b"body".as_slice()
-            )
-        );
-        assert_eq!(
-            form.reply(Bytes::from_static(b"reply")),
-            (Bytes::from_static(b"0123456789abcdefreply"), None)
-        );
+        assert_eq!((form, body.as_ref()), (RequestForm::Header(*b"0123456789abcdef"), b"body".as_slice()));
+        assert_eq!(form.reply(Bytes::from_static(b"reply")), (Bytes::from_static(b"0123456789abcdefreply"), None));
         let mut same_participant = writer;
         same_participant.0[15] = 7;
-        assert_eq!(
-            form.reply_readers(writer, [same_participant, guid(CYCLONE, 9)].into_iter()),
-            [same_participant]
-        );
-        assert_eq!(
-            read_request(&sample(writer, None, Bytes::from_static(b"short"))),
-            Err(WireError { length: 5 })
-        );
+        assert_eq!(form.reply_readers(writer, [same_participant, guid(CYCLONE, 9)].into_iter()), [same_participant]);
+        assert_eq!(read_request(&sample(writer, None, Bytes::from_static(b"short"))), Err(WireError { length: 5 }));
     }
 
     #[test]
@@ -273,62 +192,30 @@ mod tests {
         let writer = guid(RUSTDDS, 3);
         let mut headed = writer.0[8..].to_vec();
         headed.extend_from_slice(b"\0\0\0\0\x01\0\0\0body");
-        let id = SampleId {
-            guid: writer,
-            sequence: Some(1),
-        };
-        let (form, body) =
-            read_request(&sample(writer, Some(id), headed.into())).expect("well formed");
+        let id = SampleId { guid: writer, sequence: Some(1) };
+        let (form, body) = read_request(&sample(writer, Some(id), headed.into())).expect("well formed");
         assert!(matches!(form, RequestForm::Header(_)));
         assert_eq!(body.as_ref(), b"body");
-        let (form, _) = read_request(&sample(
-            writer,
-            None,
-            Bytes::from_static(b"a body of some length"),
-        ))
-        .expect("bare");
-        assert_eq!(
-            form,
-            RequestForm::Related(SampleId {
-                guid: writer,
-                sequence: Some(42)
-            })
-        );
+        let (form, _) =
+            read_request(&sample(writer, None, Bytes::from_static(b"a body of some length"))).expect("bare");
+        assert_eq!(form, RequestForm::Related(SampleId { guid: writer, sequence: Some(42) }));
     }
 
     #[test]
     fn replies_in_both_forms_find_their_request() {
-        let client = ClientId {
-            writer: guid(RUSTDDS, 1),
-            reader: guid(RUSTDDS, 2),
-        };
-        let stranger = ClientId {
-            writer: guid(RUSTDDS, 3),
-            reader: guid(RUSTDDS, 4),
-        };
+        let client = ClientId { writer: guid(RUSTDDS, 1), reader: guid(RUSTDDS, 2) };
+        let stranger = ClientId { writer: guid(RUSTDDS, 3), reader: guid(RUSTDDS, 4) };
         let request = client.header_request(7, &Bytes::from_static(b"request"));
         assert_eq!(&request[16..], b"request");
-        let echo = with_header(
-            split_header(&request).expect("long enough"),
-            &Bytes::from_static(b"reply"),
-        );
+        let echo = with_header(split_header(&request).expect("long enough"), &Bytes::from_static(b"reply"));
         let reply = sample(guid(CYCLONE, 9), None, echo);
-        assert_eq!(
-            client.read_reply(&reply),
-            Ok(Some((ReplyTo::Header(7), Bytes::from_static(b"reply"))))
-        );
+        assert_eq!(client.read_reply(&reply), Ok(Some((ReplyTo::Header(7), Bytes::from_static(b"reply")))));
         assert_eq!(stranger.read_reply(&reply), Ok(None));
 
         for guid_in_reply in [client.reader, client.writer] {
-            let id = SampleId {
-                guid: guid_in_reply,
-                sequence: Some(3),
-            };
+            let id = SampleId { guid: guid_in_reply, sequence: Some(3) };
             let reply = sample(guid(FAST, 9), Some(id), Bytes::from_static(b"reply"));
-            assert_eq!(
-                client.read_reply(&reply),
-                Ok(Some((ReplyTo::Related(3), Bytes::from_static(b"reply"))))
-            );
+            assert_eq!(client.read_reply(&reply), Ok(Some((ReplyTo::Related(3), Bytes::from_static(b"reply")))));
             assert_eq!(stranger.read_reply(&reply), Ok(None));
         }
     }
@@ -336,24 +223,16 @@ mod tests {
     fn any_sample() -> impl Strategy<Value = Sample> {
         let vendor = prop_oneof![Just(FAST), Just(CYCLONE), Just(RUSTDDS), any::<[u8; 2]>()];
         let related = prop::option::of((any::<[u8; 16]>(), prop::option::of(any::<i64>())));
-        (
-            vendor,
-            any::<u8>(),
-            related,
-            prop::collection::vec(any::<u8>(), 0..64),
-            any::<bool>(),
-        )
-            .prop_map(|(vendor, rest, related, payload, little_endian)| Sample {
+        (vendor, any::<u8>(), related, prop::collection::vec(any::<u8>(), 0..64), any::<bool>()).prop_map(
+            |(vendor, rest, related, payload, little_endian)| Sample {
                 little_endian,
                 ..sample(
                     guid(vendor, rest),
-                    related.map(|(guid, sequence)| SampleId {
-                        guid: Guid(guid),
-                        sequence,
-                    }),
+                    related.map(|(guid, sequence)| SampleId { guid: Guid(guid), sequence }),
                     payload.into(),
                 )
-            })
+            },
+        )
     }
 
     proptest! {

@@ -36,19 +36,8 @@ pub(crate) struct Outlet {
 }
 
 impl Writer {
-    pub(super) fn start(
-        participant: Arc<Inner>,
-        raw: RawWriter,
-        topic: &str,
-        dds_type: &str,
-        qos: Qos,
-    ) -> Self {
-        let outlet = Arc::new(Outlet {
-            raw,
-            peers: Peers::default(),
-            topic: topic.to_owned(),
-            qos,
-        });
+    pub(super) fn start(participant: Arc<Inner>, raw: RawWriter, topic: &str, dds_type: &str, qos: Qos) -> Self {
+        let outlet = Arc::new(Outlet { raw, peers: Peers::default(), topic: topic.to_owned(), qos });
         let watch = {
             let (outlet, dds_type) = (outlet.clone(), dds_type.to_owned());
             let domain_participant = participant.domain_participant.clone();
@@ -56,26 +45,17 @@ impl Writer {
                 let discovered = || {
                     graph::readers(&domain_participant)
                         .into_iter()
-                        .filter(|reader| {
-                            reader.topic == outlet.topic && reader.dds_type == dds_type
-                        })
+                        .filter(|reader| reader.topic == outlet.topic && reader.dds_type == dds_type)
                         .filter(|reader| qos.serves(reader.reliability, reader.durability))
                         .map(|reader| reader.guid)
                         .collect()
                 };
-                let events = outlet
-                    .raw
-                    .as_async_status_stream()
-                    .map(|status| peer_event(&status));
+                let events = outlet.raw.as_async_status_stream().map(|status| peer_event(&status));
                 outlet.peers.follow(&outlet.topic, events, discovered).await;
             }
         };
         let task = Some(participant.executor.spawn(watch));
-        Self {
-            task,
-            outlet,
-            participant,
-        }
+        Self { task, outlet, participant }
     }
 
     /// Publishes a little-endian CDR body. Never waits.
@@ -121,10 +101,7 @@ impl Outlet {
     /// Publishes a message for whoever listens; one that cannot be sent is logged.
     pub(crate) fn publish_message<T: Serialize>(&self, message: &T) {
         let sent = cdr::encode(message).map_err(|error| error.to_string());
-        let sent = sent.and_then(|body| {
-            self.send(body, None, None)
-                .map_err(|error| error.to_string())
-        });
+        let sent = sent.and_then(|body| self.send(body, None, None).map_err(|error| error.to_string()));
         if let Err(error) = sent {
             tracing::warn!(topic = self.topic, "message not sent: {error}");
         }
@@ -143,26 +120,14 @@ impl Outlet {
         if let Some(reader) = reader {
             options = options.to_single_reader(reader.to_dds());
         }
-        let sample = Raw {
-            payload: payload.clone(),
-            little_endian: true,
-        };
+        let sample = Raw { payload: payload.clone(), little_endian: true };
         // Polled once: there is either room now or there is not.
-        match self
-            .raw
-            .async_write_with_options(sample, options.build())
-            .now_or_never()
-        {
+        match self.raw.async_write_with_options(sample, options.build()).now_or_never() {
             Some(Ok(id)) => Ok(id.sequence_number.into()),
-            None | Some(Err(WriteError::WouldBlock { .. })) => Err(PublishError::Full {
-                topic: self.topic.clone(),
-                backlog: self.qos.backlog.into(),
-                payload,
-            }),
-            Some(Err(error)) => Err(PublishError::Closed {
-                topic: self.topic.clone(),
-                reason: error.to_string(),
-            }),
+            None | Some(Err(WriteError::WouldBlock { .. })) => {
+                Err(PublishError::Full { topic: self.topic.clone(), backlog: self.qos.backlog.into(), payload })
+            }
+            Some(Err(error)) => Err(PublishError::Closed { topic: self.topic.clone(), reason: error.to_string() }),
         }
     }
 
@@ -176,15 +141,13 @@ impl Outlet {
 /// What a writer's status event says of its readers.
 fn peer_event(status: &DataWriterStatus) -> PeerEvent {
     match status {
-        DataWriterStatus::PublicationMatched {
-            current, reader, ..
-        } if current.count_change() > 0 => PeerEvent::Joined((*reader).into()),
+        DataWriterStatus::PublicationMatched { current, reader, .. } if current.count_change() > 0 => {
+            PeerEvent::Joined((*reader).into())
+        }
         DataWriterStatus::PublicationMatched { reader, .. } => PeerEvent::Left((*reader).into()),
-        DataWriterStatus::OfferedIncompatibleQos {
-            last_policy_id,
-            reader,
-            ..
-        } => PeerEvent::Incompatible((*reader).into(), format!("{last_policy_id:?}")),
+        DataWriterStatus::OfferedIncompatibleQos { last_policy_id, reader, .. } => {
+            PeerEvent::Incompatible((*reader).into(), format!("{last_policy_id:?}"))
+        }
         _ => PeerEvent::Other,
     }
 }

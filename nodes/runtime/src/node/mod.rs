@@ -36,7 +36,12 @@ pub trait FeederNode: Sized + Send + 'static {
     /// Name of the node, of its crate and of its executable.
     const NAME: &'static str;
     /// What it is configured by; parsed from a file, or the built-in default.
-    type Config: std::str::FromStr<Err: std::error::Error + Send + Sync + 'static> + Serialize + Default + Clone + Send + 'static;
+    type Config: std::str::FromStr<Err: std::error::Error + Send + Sync + 'static>
+        + Serialize
+        + Default
+        + Clone
+        + Send
+        + 'static;
     /// Handles of its ports.
     type Ports: Send;
 

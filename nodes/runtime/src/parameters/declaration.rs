@@ -1,6 +1,4 @@
-use minifactory_msgs::rcl_interfaces::msg::{
-    FloatingPointRange, IntegerRange, ParameterDescriptor,
-};
+use minifactory_msgs::rcl_interfaces::msg::{FloatingPointRange, IntegerRange, ParameterDescriptor};
 
 use super::Value;
 
@@ -17,15 +15,11 @@ impl Range {
     fn check(self, value: &Value) -> Result<(), String> {
         match (self, value) {
             (Self::Integer { from, to, step }, Value::Integer(value)) => {
-                let on_step =
-                    step == 0 || *value == to || value.abs_diff(from).is_multiple_of(step);
+                let on_step = step == 0 || *value == to || value.abs_diff(from).is_multiple_of(step);
                 if (from..=to).contains(value) && on_step {
                     return Ok(());
                 }
-                Err(format!(
-                    "{value} is not in {from} … {to}{}",
-                    steps(step == 0, &step)
-                ))
+                Err(format!("{value} is not in {from} … {to}{}", steps(step == 0, &step)))
             }
             (Self::Double { from, to, step }, Value::Double(value)) => {
                 // Decimal steps have no exact binary form.
@@ -34,10 +28,7 @@ impl Range {
                 if (from..=to).contains(value) && on_step {
                     return Ok(());
                 }
-                Err(format!(
-                    "{value:?} is not in {from:?} … {to:?}{}",
-                    steps(step <= 0.0, &step)
-                ))
+                Err(format!("{value:?} is not in {from:?} … {to:?}{}", steps(step <= 0.0, &step)))
             }
             _ => Ok(()),
         }
@@ -45,11 +36,7 @@ impl Range {
 }
 
 fn steps(none: bool, step: &dyn std::fmt::Debug) -> String {
-    if none {
-        String::new()
-    } else {
-        format!(" in steps of {step:?}")
-    }
+    if none { String::new() } else { format!(" in steps of {step:?}") }
 }
 
 /// A parameter as its node declares it.
@@ -86,28 +73,19 @@ impl Declaration {
     /// Limits a number.
     #[must_use]
     pub fn range(self, range: Range) -> Self {
-        Self {
-            range: Some(range),
-            ..self
-        }
+        Self { range: Some(range), ..self }
     }
 
     /// States a further rule in words; the node enforces it.
     #[must_use]
     pub fn constraints(self, constraints: &str) -> Self {
-        Self {
-            constraints: constraints.to_owned(),
-            ..self
-        }
+        Self { constraints: constraints.to_owned(), ..self }
     }
 
     /// Allows setting it at the start only.
     #[must_use]
     pub fn read_only(self) -> Self {
-        Self {
-            read_only: true,
-            ..self
-        }
+        Self { read_only: true, ..self }
     }
 
     /// Whether the type and the range allow a value; if not, why.
@@ -122,18 +100,10 @@ impl Declaration {
         let (mut floating_point_range, mut integer_range) = (Vec::new(), Vec::new());
         match self.range {
             Some(Range::Double { from, to, step }) => {
-                floating_point_range.push(FloatingPointRange {
-                    from_value: from,
-                    to_value: to,
-                    step,
-                });
+                floating_point_range.push(FloatingPointRange { from_value: from, to_value: to, step });
             }
             Some(Range::Integer { from, to, step }) => {
-                integer_range.push(IntegerRange {
-                    from_value: from,
-                    to_value: to,
-                    step,
-                });
+                integer_range.push(IntegerRange { from_value: from, to_value: to, step });
             }
             None => {}
         }

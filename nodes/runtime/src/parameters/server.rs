@@ -3,14 +3,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use minifactory_msgs::{
     Message,
     rcl_interfaces::{
-        msg::{
-            Parameter, ParameterDescriptor, ParameterEvent, ParameterValue, SetParametersResult,
-        },
+        msg::{Parameter, ParameterDescriptor, ParameterEvent, ParameterValue, SetParametersResult},
         srv::{
-            DescribeParameters, DescribeParametersResponse, GetParameterTypes,
-            GetParameterTypesResponse, GetParameters, GetParametersResponse, ListParameters,
-            ListParametersResponse, SetParameters, SetParametersAtomically,
-            SetParametersAtomicallyResponse, SetParametersResponse,
+            DescribeParameters, DescribeParametersResponse, GetParameterTypes, GetParameterTypesResponse,
+            GetParameters, GetParametersResponse, ListParameters, ListParametersResponse, SetParameters,
+            SetParametersAtomically, SetParametersAtomicallyResponse, SetParametersResponse,
         },
     },
 };
@@ -22,10 +19,7 @@ use crate::{
 };
 
 /// What ROS 2 offers for `/parameter_events`.
-const EVENTS_QOS: Qos = Qos {
-    depth: 1_000,
-    ..Qos::command()
-};
+const EVENTS_QOS: Qos = Qos { depth: 1_000, ..Qos::command() };
 
 /// Asked about changes before they are made.
 type Accept = Box<dyn FnMut(&[(String, Value)]) -> Result<(), String> + Send>;
@@ -52,17 +46,10 @@ impl ParameterServer {
         clock: Clock,
         accept: impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static,
     ) -> Result<Self, DdsError> {
-        let events = participant.writer(
-            "/parameter_events",
-            &ParameterEvent::INFO.dds_type(),
-            &EVENTS_QOS,
-        )?;
+        let events = participant.writer("/parameter_events", &ParameterEvent::INFO.dds_type(), &EVENTS_QOS)?;
         let node = participant.node().to_string();
         let shared = Arc::new(Shared {
-            state: Mutex::new(State {
-                store,
-                accept: Box::new(accept),
-            }),
+            state: Mutex::new(State { store, accept: Box::new(accept) }),
             events: events.outlet(),
             node: node.clone(),
             clock,
@@ -71,35 +58,22 @@ impl ParameterServer {
         let services = [
             participant.serve::<ListParameters>(&name("list_parameters"), {
                 let shared = shared.clone();
-                move |request| ListParametersResponse {
-                    result: shared.state().store.list(&request),
-                }
+                move |request| ListParametersResponse { result: shared.state().store.list(&request) }
             })?,
             participant.serve::<GetParameters>(&name("get_parameters"), {
                 let shared = shared.clone();
                 move |request| {
                     let state = shared.state();
-                    let value = |name: &String| {
-                        state
-                            .store
-                            .get(name)
-                            .map(Value::to_message)
-                            .unwrap_or_default()
-                    };
-                    GetParametersResponse {
-                        values: request.names.iter().map(value).collect(),
-                    }
+                    let value = |name: &String| state.store.get(name).map(Value::to_message).unwrap_or_default();
+                    GetParametersResponse { values: request.names.iter().map(value).collect() }
                 }
             })?,
             participant.serve::<GetParameterTypes>(&name("get_parameter_types"), {
                 let shared = shared.clone();
                 move |request| {
                     let state = shared.state();
-                    let kind =
-                        |name: &String| state.store.get(name).map_or(0, |value| value.kind() as u8);
-                    GetParameterTypesResponse {
-                        types: request.names.iter().map(kind).collect(),
-                    }
+                    let kind = |name: &String| state.store.get(name).map_or(0, |value| value.kind() as u8);
+                    GetParameterTypesResponse { types: request.names.iter().map(kind).collect() }
                 }
             })?,
             participant.serve::<DescribeParameters>(&name("describe_parameters"), {
@@ -107,24 +81,17 @@ impl ParameterServer {
                 move |request| {
                     let state = shared.state();
                     let describe = |name: String| {
-                        let unknown = || ParameterDescriptor {
-                            name: name.clone(),
-                            ..Default::default()
-                        };
+                        let unknown = || ParameterDescriptor { name: name.clone(), ..Default::default() };
                         state.store.descriptor(&name).unwrap_or_else(unknown)
                     };
-                    DescribeParametersResponse {
-                        descriptors: request.names.into_iter().map(describe).collect(),
-                    }
+                    DescribeParametersResponse { descriptors: request.names.into_iter().map(describe).collect() }
                 }
             })?,
             participant.serve::<SetParameters>(&name("set_parameters"), {
                 let shared = shared.clone();
                 move |request| {
                     let set_one = |parameter| result(shared.set_messages(vec![parameter]));
-                    SetParametersResponse {
-                        results: request.parameters.into_iter().map(set_one).collect(),
-                    }
+                    SetParametersResponse { results: request.parameters.into_iter().map(set_one).collect() }
                 }
             })?,
             participant.serve::<SetParametersAtomically>(&name("set_parameters_atomically"), {
@@ -136,11 +103,7 @@ impl ParameterServer {
         ];
         let new_parameters = shared.state().store.messages();
         shared.tell(new_parameters, Vec::new());
-        Ok(Self {
-            _services: services,
-            _events: events,
-            shared,
-        })
+        Ok(Self { _services: services, _events: events, shared })
     }
 
     /// The value of a parameter now.
@@ -159,10 +122,7 @@ impl ParameterServer {
 }
 
 fn result(outcome: Result<(), String>) -> SetParametersResult {
-    SetParametersResult {
-        successful: outcome.is_ok(),
-        reason: outcome.err().unwrap_or_default(),
-    }
+    SetParametersResult { successful: outcome.is_ok(), reason: outcome.err().unwrap_or_default() }
 }
 
 struct State {
@@ -193,16 +153,11 @@ impl Shared {
     fn set(&self, changes: Vec<(String, Value)>) -> Result<(), String> {
         let mut state = self.state();
         let State { store, accept } = &mut *state;
-        changes
-            .iter()
-            .try_for_each(|(name, value)| store.check(name, value))?;
+        changes.iter().try_for_each(|(name, value)| store.check(name, value))?;
         accept(&changes)?;
         store.set(&changes)?;
         // Told under the lock, so that news come in the order of the changes.
-        let message = |(name, value): (String, Value)| Parameter {
-            name,
-            value: value.to_message(),
-        };
+        let message = |(name, value): (String, Value)| Parameter { name, value: value.to_message() };
         self.tell(Vec::new(), changes.into_iter().map(message).collect());
         Ok(())
     }
@@ -221,7 +176,6 @@ impl Shared {
 fn unset_or(value: ParameterValue) -> Result<Value, String> {
     match value.r#type {
         0 => Err("cannot be deleted: it is declared".to_owned()),
-        other => Value::from_message(value)
-            .ok_or_else(|| format!("cannot be set: {other} is no type of a parameter")),
+        other => Value::from_message(value).ok_or_else(|| format!("cannot be set: {other} is no type of a parameter")),
     }
 }

@@ -72,30 +72,18 @@ impl Store {
             if let Err(reason) = declaration.check(&value) {
                 return Err(ParameterError::Default { name, reason });
             }
-            if entries
-                .insert(name.clone(), Entry { declaration, value })
-                .is_some()
-            {
+            if entries.insert(name.clone(), Entry { declaration, value }).is_some() {
                 return Err(ParameterError::Twice { name });
             }
         }
         for (name, value) in given {
             let Some(entry) = entries.get_mut(name) else {
                 let known = entries.into_keys().collect::<Vec<_>>().join(", ");
-                return Err(ParameterError::Undeclared {
-                    name: name.clone(),
-                    known,
-                });
+                return Err(ParameterError::Undeclared { name: name.clone(), known });
             };
-            let value = value
-                .clone()
-                .fit_empty_array(entry.declaration.default.kind());
+            let value = value.clone().fit_empty_array(entry.declaration.default.kind());
             if let Err(reason) = entry.declaration.check(&value) {
-                return Err(ParameterError::Refused {
-                    name: name.clone(),
-                    value: value.to_string(),
-                    reason,
-                });
+                return Err(ParameterError::Refused { name: name.clone(), value: value.to_string(), reason });
             }
             entry.value = value;
         }
@@ -110,9 +98,7 @@ impl Store {
 
     /// All parameters, by name.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Value)> {
-        self.entries
-            .iter()
-            .map(|(name, entry)| (name.as_str(), &entry.value))
+        self.entries.iter().map(|(name, entry)| (name.as_str(), &entry.value))
     }
 
     /// Whether a running node's parameter may be set to a value.
@@ -120,19 +106,11 @@ impl Store {
     /// # Errors
     /// The reason, for whoever wants to set it.
     pub fn check(&self, name: &str, value: &Value) -> Result<(), String> {
-        let entry = self
-            .entries
-            .get(name)
-            .ok_or_else(|| format!("parameter {name} is not declared"))?;
+        let entry = self.entries.get(name).ok_or_else(|| format!("parameter {name} is not declared"))?;
         if entry.declaration.read_only {
-            return Err(format!(
-                "parameter {name} is read-only: it can be set at the start of the node"
-            ));
+            return Err(format!("parameter {name} is read-only: it can be set at the start of the node"));
         }
-        entry
-            .declaration
-            .check(value)
-            .map_err(|reason| format!("parameter {name}: {reason}"))
+        entry.declaration.check(value).map_err(|reason| format!("parameter {name}: {reason}"))
     }
 
     /// Sets parameters: all of them, or none when one may not be set.
@@ -140,9 +118,7 @@ impl Store {
     /// # Errors
     /// As [`check`](Self::check).
     pub fn set(&mut self, changes: &[(String, Value)]) -> Result<(), String> {
-        changes
-            .iter()
-            .try_for_each(|(name, value)| self.check(name, value))?;
+        changes.iter().try_for_each(|(name, value)| self.check(name, value))?;
         for (name, value) in changes {
             if let Some(entry) = self.entries.get_mut(name) {
                 entry.value = value.clone();
@@ -152,18 +128,11 @@ impl Store {
     }
 
     pub(super) fn descriptor(&self, name: &str) -> Option<ParameterDescriptor> {
-        self.entries
-            .get(name)
-            .map(|entry| entry.declaration.descriptor())
+        self.entries.get(name).map(|entry| entry.declaration.descriptor())
     }
 
     pub(super) fn messages(&self) -> Vec<Parameter> {
-        self.iter()
-            .map(|(name, value)| Parameter {
-                name: name.to_owned(),
-                value: value.to_message(),
-            })
-            .collect()
+        self.iter().map(|(name, value)| Parameter { name: name.to_owned(), value: value.to_message() }).collect()
     }
 
     /// The names below the asked-for prefixes, at most `depth` groups deep (0: any depth), and the groups they are in.
@@ -176,27 +145,16 @@ impl Store {
             if request.prefixes.is_empty() {
                 return deep_enough(name);
             }
-            request
-                .prefixes
-                .iter()
-                .any(|prefix| match name.strip_prefix(prefix.as_str()) {
-                    Some("") => true,
-                    Some(rest) => rest.strip_prefix('.').is_some_and(deep_enough),
-                    None => false,
-                })
+            request.prefixes.iter().any(|prefix| match name.strip_prefix(prefix.as_str()) {
+                Some("") => true,
+                Some(rest) => rest.strip_prefix('.').is_some_and(deep_enough),
+                None => false,
+            })
         };
-        let names: Vec<_> = self
-            .entries
-            .keys()
-            .filter(|name| listed(name))
-            .cloned()
-            .collect();
+        let names: Vec<_> = self.entries.keys().filter(|name| listed(name)).cloned().collect();
         let groups = names.iter().filter_map(|name| name.rsplit_once('.'));
         let prefixes: BTreeSet<_> = groups.map(|(group, _)| group.to_owned()).collect();
-        ListParametersResult {
-            names,
-            prefixes: prefixes.into_iter().collect(),
-        }
+        ListParametersResult { names, prefixes: prefixes.into_iter().collect() }
     }
 }
 
@@ -208,19 +166,13 @@ mod tests {
 
     fn declarations() -> [Declaration; 5] {
         [
-            Declaration::new("rate_hz", Value::Double(10.0), "Publishing rate, in hertz").range(
-                Range::Double {
-                    from: 0.5,
-                    to: 100.0,
-                    step: 0.1,
-                },
-            ),
+            Declaration::new("rate_hz", Value::Double(10.0), "Publishing rate, in hertz").range(Range::Double {
+                from: 0.5,
+                to: 100.0,
+                step: 0.1,
+            }),
             Declaration::new("camera.rows", Value::Integer(480), "Rows of a frame")
-                .range(Range::Integer {
-                    from: 16,
-                    to: 4_096,
-                    step: 16,
-                })
+                .range(Range::Integer { from: 16, to: 4_096, step: 16 })
                 .read_only(),
             Declaration::new("camera.lens.name", Value::Text("wide".into()), "Lens"),
             Declaration::new("gains", Value::Doubles(vec![1.0]), "Gains"),
@@ -239,66 +191,33 @@ mod tests {
     #[test]
     fn values_given_at_the_start_are_taken_or_refused_by_name() {
         assert_eq!(
-            given("camera.rows", Value::Integer(16))
-                .expect("allowed")
-                .get("camera.rows"),
+            given("camera.rows", Value::Integer(16)).expect("allowed").get("camera.rows"),
             Some(&Value::Integer(16))
         );
-        let empty =
-            given("gains", Value::Texts(vec![])).expect("an empty array has no type of its own");
+        let empty = given("gains", Value::Texts(vec![])).expect("an empty array has no type of its own");
         assert_eq!(empty.get("gains"), Some(&Value::Doubles(vec![])));
         for (name, value, says) in [
-            (
-                "rate",
-                Value::Double(1.0),
-                "there are: camera.lens.name, camera.rows, gains, on, rate_hz",
-            ),
-            (
-                "rate_hz",
-                Value::Integer(1),
-                "rate_hz cannot be 1: 1 is not a double (write 1.0, not 1)",
-            ),
-            (
-                "rate_hz",
-                Value::Double(0.1),
-                "0.1 is not in 0.5 … 100.0 in steps of 0.1",
-            ),
+            ("rate", Value::Double(1.0), "there are: camera.lens.name, camera.rows, gains, on, rate_hz"),
+            ("rate_hz", Value::Integer(1), "rate_hz cannot be 1: 1 is not a double (write 1.0, not 1)"),
+            ("rate_hz", Value::Double(0.1), "0.1 is not in 0.5 … 100.0 in steps of 0.1"),
             ("rate_hz", Value::Double(f64::NAN), "NaN is not in"),
             ("rate_hz", Value::Double(0.55), "in steps of 0.1"),
-            (
-                "camera.rows",
-                Value::Integer(17),
-                "17 is not in 16 … 4096 in steps of 16",
-            ),
+            ("camera.rows", Value::Integer(17), "17 is not in 16 … 4096 in steps of 16"),
         ] {
             let message = given(name, value).expect_err(says).to_string();
             assert!(message.contains(says), "{message}");
         }
         let twice = [declarations()[4].clone(), declarations()[4].clone()];
-        assert!(matches!(
-            Store::new(twice, &BTreeMap::new()),
-            Err(ParameterError::Twice { .. })
-        ));
-        let bad = Declaration {
-            default: Value::Double(0.0),
-            ..declarations()[0].clone()
-        };
-        assert!(matches!(
-            Store::new([bad], &BTreeMap::new()),
-            Err(ParameterError::Default { .. })
-        ));
+        assert!(matches!(Store::new(twice, &BTreeMap::new()), Err(ParameterError::Twice { .. })));
+        let bad = Declaration { default: Value::Double(0.0), ..declarations()[0].clone() };
+        assert!(matches!(Store::new([bad], &BTreeMap::new()), Err(ParameterError::Default { .. })));
     }
 
     #[test]
     fn a_running_node_changes_all_or_nothing() {
         let mut store = store();
         let change = |name: &str, value| (name.to_owned(), value);
-        store
-            .set(&[
-                change("rate_hz", Value::Double(20.3)),
-                change("on", Value::Bool(false)),
-            ])
-            .expect("allowed");
+        store.set(&[change("rate_hz", Value::Double(20.3)), change("on", Value::Bool(false))]).expect("allowed");
         assert_eq!(store.get("on"), Some(&Value::Bool(false)));
         for bad in [
             change("rate_hz", Value::Double(1e9)),
@@ -307,9 +226,7 @@ mod tests {
             change("on", Value::Integer(1)),
         ] {
             let name = bad.0.clone();
-            let reason = store
-                .set(&[change("rate_hz", Value::Double(30.0)), bad])
-                .expect_err("not allowed");
+            let reason = store.set(&[change("rate_hz", Value::Double(30.0)), bad]).expect_err("not allowed");
             assert!(reason.contains(&name), "{reason}");
             assert_eq!(store.get("rate_hz"), Some(&Value::Double(20.3)));
         }
@@ -324,10 +241,7 @@ mod tests {
         assert_eq!(list(&[], 0).names.len(), 5);
         assert_eq!(list(&[], 0).prefixes, ["camera", "camera.lens"]);
         assert_eq!(list(&[], 1).names, ["gains", "on", "rate_hz"]);
-        assert_eq!(
-            list(&["camera"], 0).names,
-            ["camera.lens.name", "camera.rows"]
-        );
+        assert_eq!(list(&["camera"], 0).names, ["camera.lens.name", "camera.rows"]);
         assert_eq!(list(&["camera"], 1).names, ["camera.rows"]);
         assert_eq!(list(&["camera.rows", "on"], 1).names, ["camera.rows", "on"]);
         assert_eq!(list(&["cam"], 0).names, Vec::<String>::new());

@@ -98,10 +98,7 @@ impl Value {
     /// The value as a message.
     #[must_use]
     pub fn to_message(&self) -> ParameterValue {
-        let mut message = ParameterValue {
-            r#type: self.kind() as u8,
-            ..Default::default()
-        };
+        let mut message = ParameterValue { r#type: self.kind() as u8, ..Default::default() };
         match self.clone() {
             Self::Bool(value) => message.bool_value = value,
             Self::Integer(value) => message.integer_value = value,
@@ -168,8 +165,7 @@ impl<'de> Deserialize<'de> for Value {
             }
 
             fn visit_u64<E: Error>(self, value: u64) -> Result<Value, E> {
-                let value = i64::try_from(value)
-                    .map_err(|_| E::custom(format!("{value} exceeds {}", i64::MAX)))?;
+                let value = i64::try_from(value).map_err(|_| E::custom(format!("{value} exceeds {}", i64::MAX)))?;
                 Ok(Value::Integer(value))
             }
 
@@ -186,9 +182,7 @@ impl<'de> Deserialize<'de> for Value {
                 while let Some(value) = elements.next_element::<Value>()? {
                     values.push(value);
                 }
-                array(values).ok_or_else(|| {
-                    A::Error::custom("an array holds values of one type, and no arrays")
-                })
+                array(values).ok_or_else(|| A::Error::custom("an array holds values of one type, and no arrays"))
             }
         }
 
@@ -202,34 +196,18 @@ fn array(values: Vec<Value>) -> Option<Value> {
     }
     Some(match values.first().map(Value::kind) {
         None => Value::Texts(Vec::new()),
-        Some(Kind::Bool) => Value::Bools(all(values, |value| {
-            if let Value::Bool(value) = value {
-                Some(value)
-            } else {
-                None
-            }
-        })?),
-        Some(Kind::Integer) => Value::Integers(all(values, |value| {
-            if let Value::Integer(value) = value {
-                Some(value)
-            } else {
-                None
-            }
-        })?),
-        Some(Kind::Double) => Value::Doubles(all(values, |value| {
-            if let Value::Double(value) = value {
-                Some(value)
-            } else {
-                None
-            }
-        })?),
-        Some(Kind::Text) => Value::Texts(all(values, |value| {
-            if let Value::Text(value) = value {
-                Some(value)
-            } else {
-                None
-            }
-        })?),
+        Some(Kind::Bool) => {
+            Value::Bools(all(values, |value| if let Value::Bool(value) = value { Some(value) } else { None })?)
+        }
+        Some(Kind::Integer) => {
+            Value::Integers(all(values, |value| if let Value::Integer(value) = value { Some(value) } else { None })?)
+        }
+        Some(Kind::Double) => {
+            Value::Doubles(all(values, |value| if let Value::Double(value) = value { Some(value) } else { None })?)
+        }
+        Some(Kind::Text) => {
+            Value::Texts(all(values, |value| if let Value::Text(value) = value { Some(value) } else { None })?)
+        }
         Some(_) => return None,
     })
 }

@@ -1,9 +1,12 @@
-//! The runtime over real DDS. Tests that need a peer of another make are ignored unless asked for.
+//! The runtime over real DDS.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod actions;
 mod common;
-mod interop;
+mod lockstep;
 mod parameters;
 mod rosout;
 mod services;
 mod topics;
+mod wall_clock;

@@ -32,32 +32,22 @@ fn ten_thousand_reliable_samples_all_arrive_in_order() {
     const COUNT: u64 = 10_000;
     let in_flight_max = u64::from(Qos::loop_edge().backlog);
     let domain = TestDomain::claim();
-    let (talker, listener) = (
-        participant(&domain, "talker"),
-        participant(&domain, "listener"),
-    );
+    let (talker, listener) = (participant(&domain, "talker"), participant(&domain, "listener"));
     let (sender, received) = mpsc::channel();
     let reader = listener
         .reader("/test/stream", TYPE, &Qos::loop_edge(), move |sample| {
             sender.send(sample).expect("the test waits");
         })
         .expect("a reader");
-    let writer = talker
-        .writer("/test/stream", TYPE, &Qos::loop_edge())
-        .expect("a writer");
-    wait_until("both have matched", || {
-        writer.matched_readers() == 1 && reader.matched_writers() == 1
-    });
+    let writer = talker.writer("/test/stream", TYPE, &Qos::loop_edge()).expect("a writer");
+    wait_until("both have matched", || writer.matched_readers() == 1 && reader.matched_writers() == 1);
 
     let mut expected = 0;
     let mut take = || {
         let sample = received.recv_timeout(PATIENCE).expect("no sample is lost");
         assert_eq!((number(&sample), sample.payload.len()), (expected, 3_000));
         assert_eq!(sample.payload[2_999], expected.to_le_bytes()[0]);
-        assert_eq!(
-            (sample.writer_guid, sample.little_endian),
-            (writer.guid(), true)
-        );
+        assert_eq!((sample.writer_guid, sample.little_endian), (writer.guid(), true));
         assert!(sample.source_timestamp.is_some() && sample.related.is_none());
         expected += 1;
     };
@@ -67,12 +57,7 @@ fn ten_thousand_reliable_samples_all_arrive_in_order() {
         }
         let mut payload = body(number, 3_000);
         while let Err(error) = writer.publish(payload) {
-            let PublishError::Full {
-                payload: returned, ..
-            } = error
-            else {
-                panic!("{error}")
-            };
+            let PublishError::Full { payload: returned, .. } = error else { panic!("{error}") };
             payload = returned;
             std::thread::yield_now();
         }
@@ -84,26 +69,18 @@ fn ten_thousand_reliable_samples_all_arrive_in_order() {
 #[test]
 fn a_body_of_the_largest_unfragmented_size_and_one_beyond_arrive() {
     let domain = TestDomain::claim();
-    let (talker, listener) = (
-        participant(&domain, "talker"),
-        participant(&domain, "listener"),
-    );
+    let (talker, listener) = (participant(&domain, "talker"), participant(&domain, "listener"));
     let (sender, received) = mpsc::channel();
     let _reader = listener
         .reader("/test/large", TYPE, &Qos::command(), move |sample| {
             sender.send(sample).expect("the test waits");
         })
         .expect("a reader");
-    let writer = talker
-        .writer("/test/large", TYPE, &Qos::command())
-        .expect("a writer");
+    let writer = talker.writer("/test/large", TYPE, &Qos::command()).expect("a writer");
     wait_until("matched", || writer.matched_readers() == 1);
     for bytes in [feeder_runtime::dds::BODY_BYTES_MAX_IN_ONE_DATAGRAM, 300_000] {
         writer.publish(body(7, bytes)).expect("room");
-        assert_eq!(
-            received.recv_timeout(PATIENCE).expect("it arrives").payload,
-            body(7, bytes)
-        );
+        assert_eq!(received.recv_timeout(PATIENCE).expect("it arrives").payload, body(7, bytes));
     }
 }
 
@@ -111,71 +88,34 @@ fn a_body_of_the_largest_unfragmented_size_and_one_beyond_arrive() {
 fn a_late_reader_gets_what_is_latched_and_only_that() {
     let domain = TestDomain::claim();
     let talker = participant(&domain, "talker");
-    let latched = talker
-        .writer("/test/latched", TYPE, &Qos::latched())
-        .expect("a writer");
-    let volatile = talker
-        .writer("/test/volatile", TYPE, &Qos::command())
-        .expect("a writer");
-    latched
-        .publish(cdr::encode(&"fact sheet").expect("text"))
-        .expect("room");
-    volatile
-        .publish(cdr::encode(&"gone").expect("text"))
-        .expect("room");
+    let latched = talker.writer("/test/latched", TYPE, &Qos::latched()).expect("a writer");
+    let volatile = talker.writer("/test/volatile", TYPE, &Qos::command()).expect("a writer");
+    latched.publish(cdr::encode(&"fact sheet").expect("text")).expect("room");
+    volatile.publish(cdr::encode(&"gone").expect("text")).expect("room");
 
     let late = participant(&domain, "late");
     let (sender, received) = mpsc::channel::<String>();
     let deliver = |sender: mpsc::Sender<String>| {
         move |sample: Sample| {
-            sender
-                .send(sample.decode().expect("text"))
-                .expect("the test waits");
+            sender.send(sample.decode().expect("text")).expect("the test waits");
         }
     };
-    let _latched = late
-        .reader(
-            "/test/latched",
-            TYPE,
-            &Qos::latched(),
-            deliver(sender.clone()),
-        )
-        .expect("a reader");
-    let _volatile = late
-        .reader("/test/volatile", TYPE, &Qos::command(), deliver(sender))
-        .expect("a reader");
-    assert_eq!(
-        received.recv_timeout(PATIENCE).expect("the latched one"),
-        "fact sheet"
-    );
-    wait_until("the volatile one has matched", || {
-        volatile.matched_readers() == 1
-    });
-    volatile
-        .publish(cdr::encode(&"new").expect("text"))
-        .expect("room");
+    let _latched = late.reader("/test/latched", TYPE, &Qos::latched(), deliver(sender.clone())).expect("a reader");
+    let _volatile = late.reader("/test/volatile", TYPE, &Qos::command(), deliver(sender)).expect("a reader");
+    assert_eq!(received.recv_timeout(PATIENCE).expect("the latched one"), "fact sheet");
+    wait_until("the volatile one has matched", || volatile.matched_readers() == 1);
+    volatile.publish(cdr::encode(&"new").expect("text")).expect("room");
     assert_eq!(received.recv_timeout(PATIENCE).expect("the new one"), "new");
 }
 
 #[test]
 fn a_reader_that_asks_for_more_than_is_offered_is_not_matched() {
     let domain = TestDomain::claim();
-    let (talker, listener) = (
-        participant(&domain, "talker"),
-        participant(&domain, "listener"),
-    );
-    let writer = talker
-        .writer("/test/frames", TYPE, &Qos::sensor())
-        .expect("a writer");
-    let greedy = listener
-        .reader("/test/frames", TYPE, &Qos::command(), |_| ())
-        .expect("a reader");
-    let modest = listener
-        .reader("/test/frames", TYPE, &Qos::sensor(), |_| ())
-        .expect("a reader");
-    wait_until("the modest one has matched", || {
-        modest.matched_writers() == 1 && writer.matched_readers() == 1
-    });
+    let (talker, listener) = (participant(&domain, "talker"), participant(&domain, "listener"));
+    let writer = talker.writer("/test/frames", TYPE, &Qos::sensor()).expect("a writer");
+    let greedy = listener.reader("/test/frames", TYPE, &Qos::command(), |_| ()).expect("a reader");
+    let modest = listener.reader("/test/frames", TYPE, &Qos::sensor(), |_| ()).expect("a reader");
+    wait_until("the modest one has matched", || modest.matched_writers() == 1 && writer.matched_readers() == 1);
     assert_eq!(greedy.matched_writers(), 0);
 }
 
@@ -187,15 +127,9 @@ fn a_writer_counts_many_readers_that_come_and_go_at_once() {
     let talker = participant(&domain, "talker");
     let listener = participant(&domain, "listener");
     let readers: Vec<_> = (0..READERS)
-        .map(|_| {
-            listener
-                .reader("/test/crowd", TYPE, &Qos::command(), |_| ())
-                .expect("a reader")
-        })
+        .map(|_| listener.reader("/test/crowd", TYPE, &Qos::command(), |_| ()).expect("a reader"))
         .collect();
-    let writer = talker
-        .writer("/test/crowd", TYPE, &Qos::command())
-        .expect("a writer");
+    let writer = talker.writer("/test/crowd", TYPE, &Qos::command()).expect("a writer");
     wait_until("all have matched", || writer.matched_readers() == READERS);
     drop(readers);
     wait_until("all have gone", || writer.matched_readers() == 0);
@@ -204,36 +138,23 @@ fn a_writer_counts_many_readers_that_come_and_go_at_once() {
 #[test]
 fn a_dropped_participant_leaves_no_ghost() {
     let domain = TestDomain::claim();
-    let (stays, leaves) = (
-        participant(&domain, "stays"),
-        participant(&domain, "leaves"),
-    );
-    let reader = leaves
-        .reader("/test/in", TYPE, &Qos::command(), |_| ())
-        .expect("a reader");
-    let writer = leaves
-        .writer("/test/out", TYPE, &Qos::command())
-        .expect("a writer");
+    let (stays, leaves) = (participant(&domain, "stays"), participant(&domain, "leaves"));
+    let reader = leaves.reader("/test/in", TYPE, &Qos::command(), |_| ()).expect("a reader");
+    let writer = leaves.writer("/test/out", TYPE, &Qos::command()).expect("a writer");
     wait_until("everything is found", || {
         let graph = stays.discovered();
         graph.has_node("/test/leaves")
             && graph.readers_of("/test/in").count() == 1
-            && graph
-                .writers_of("/test/out")
-                .any(|endpoint| endpoint.guid == writer.guid())
+            && graph.writers_of("/test/out").any(|endpoint| endpoint.guid == writer.guid())
     });
     // Handles keep the participant alive, whatever the order they go in.
     drop(leaves);
     drop(reader);
-    wait_until("the reader is gone", || {
-        stays.discovered().readers_of("/test/in").count() == 0
-    });
+    wait_until("the reader is gone", || stays.discovered().readers_of("/test/in").count() == 0);
     assert!(stays.discovered().has_node("/test/leaves"));
     drop(writer);
     // A lease would take most of a minute, longer than this waits.
-    wait_until("nothing is left", || {
-        stays.discovered() == feeder_runtime::dds::Graph::default()
-    });
+    wait_until("nothing is left", || stays.discovered() == feeder_runtime::dds::Graph::default());
 }
 
 #[test]
@@ -254,41 +175,23 @@ fn a_dropped_reader_has_let_go_of_its_function() {
 #[test]
 fn a_stopped_reliable_reader_fills_the_writer_and_the_body_comes_back() {
     let domain = TestDomain::claim();
-    let (talker, listener) = (
-        participant(&domain, "talker"),
-        participant(&domain, "listener"),
-    );
-    let reader = listener
-        .reader("/test/full", TYPE, &Qos::command(), |_| ())
-        .expect("a reader");
-    let writer = talker
-        .writer("/test/full", TYPE, &Qos::command())
-        .expect("a writer");
+    let (talker, listener) = (participant(&domain, "talker"), participant(&domain, "listener"));
+    let reader = listener.reader("/test/full", TYPE, &Qos::command(), |_| ()).expect("a reader");
+    let writer = talker.writer("/test/full", TYPE, &Qos::command()).expect("a writer");
     wait_until("matched", || writer.matched_readers() == 1);
     // Published faster than anything can be acknowledged, sooner or later there is no room.
     let refused = (0..1_000_000).find_map(|number| writer.publish(body(number, 8)).err());
-    let Some(PublishError::Full { topic, payload, .. }) = refused else {
-        panic!("never full: {refused:?}")
-    };
+    let Some(PublishError::Full { topic, payload, .. }) = refused else { panic!("never full: {refused:?}") };
     assert_eq!((topic.as_str(), payload.len()), ("rt/test/full", 8));
     drop(reader);
-    wait_until("without the reader there is room again", || {
-        writer.publish(body(0, 8)).is_ok()
-    });
+    wait_until("without the reader there is room again", || writer.publish(body(0, 8)).is_ok());
 }
 
 #[test]
 fn nobody_is_found_with_discovery_off() {
     let domain = TestDomain::claim();
-    let off = Domain {
-        range: DiscoveryRange::Off,
-        ..*domain
-    };
-    let (alone, a, b) = (
-        participant(&off, "alone"),
-        participant(&domain, "a"),
-        participant(&domain, "b"),
-    );
+    let off = Domain { range: DiscoveryRange::Off, ..*domain };
+    let (alone, a, b) = (participant(&off, "alone"), participant(&domain, "a"), participant(&domain, "b"));
     wait_until("the others find each other", || {
         a.discovered().has_node("/test/b") && b.discovered().has_node("/test/a")
     });
@@ -299,10 +202,7 @@ fn nobody_is_found_with_discovery_off() {
 #[test]
 fn a_domain_beyond_the_last_port_is_refused() {
     let node = feeder_runtime::dds::NodeName::new("/test", "far").expect("a good name");
-    let domain = Domain {
-        id: Domain::ID_MAX + 1,
-        range: DiscoveryRange::Localhost,
-    };
+    let domain = Domain { id: Domain::ID_MAX + 1, range: DiscoveryRange::Localhost };
     let error = feeder_runtime::dds::Participant::open(&domain, &node).expect_err("no such ports");
     assert!(error.to_string().contains("233"), "{error}");
 }

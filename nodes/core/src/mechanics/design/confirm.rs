@@ -41,11 +41,7 @@ pub fn flow_in_two_dimensions(
     };
     let radius_m = track.tray().outer_radius_m - length_m / 2.0;
     let pair = Pair {
-        track: AnnularTrack::new(
-            like_near_the_crest(track.tray(), radius_m),
-            track.friction(),
-            track.gravity_m_s2(),
-        )?,
+        track: AnnularTrack::new(like_near_the_crest(track.tray(), radius_m), track.friction(), track.gravity_m_s2())?,
         samples: waveform.samples(SAMPLES),
         ramp_start_m_s: ramp.start_m_s,
         radius_m,
@@ -90,10 +86,7 @@ impl Pair {
     /// A part in steady motion on the ramp at the start of a period, an arc of `before_m` before the crest.
     fn climbing(&self, before_m: f64) -> PartState {
         let angle_rad = self.track.tray().ramp_angle_rad - before_m / self.radius_m;
-        PartState {
-            along_m_s: self.ramp_start_m_s,
-            ..PartState::at_rest(self.radius_m, angle_rad)
-        }
+        PartState { along_m_s: self.ramp_start_m_s, ..PartState::at_rest(self.radius_m, angle_rad) }
     }
 
     /// The smaller of the arcs between two parts one hop past the crest and after settling, and their speed then.
@@ -118,10 +111,7 @@ impl Pair {
         }
         let start_rad = first.angle_rad;
         self.run(&mut first);
-        Some((
-            gap_m,
-            (first.angle_rad - start_rad) * self.radius_m / period_s,
-        ))
+        Some((gap_m, (first.angle_rad - start_rad) * self.radius_m / period_s))
     }
 
     fn ramp_speed_m_s(&self, period_s: f64) -> f64 {
@@ -141,10 +131,5 @@ impl Pair {
 /// A tray with the same slopes and a wall for the centres of parts in the lane at `radius_m`, but half of it plateau, so
 /// that there is room to settle.
 fn like_near_the_crest(tray: &TrayGeometry, radius_m: f64) -> TrayGeometry {
-    TrayGeometry {
-        outer_radius_m: radius_m,
-        ramp_angle_rad: PI,
-        rise_m: tray.pitch_m_per_rad() * PI,
-        ..*tray
-    }
+    TrayGeometry { outer_radius_m: radius_m, ramp_angle_rad: PI, rise_m: tray.pitch_m_per_rad() * PI, ..*tray }
 }

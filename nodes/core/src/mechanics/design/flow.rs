@@ -67,12 +67,7 @@ pub fn lane_flow(
 
 impl Loading {
     /// Spacing on the ramp, arc length in m.
-    pub(super) fn ramp_spacing_m(
-        self,
-        passage: &Passage,
-        length_m: f64,
-        spacing_parts: f64,
-    ) -> f64 {
+    pub(super) fn ramp_spacing_m(self, passage: &Passage, length_m: f64, spacing_parts: f64) -> f64 {
         match self {
             Self::Metered => passage.ramp_spacing_m(length_m, spacing_parts * length_m),
             Self::Queued => length_m,
@@ -89,11 +84,7 @@ pub(super) struct Lane {
 }
 
 impl Lane {
-    pub(super) fn new(
-        track: &AnnularTrack,
-        waveform: &Waveform,
-        length_m: f64,
-    ) -> Result<Self, MechanicsError> {
+    pub(super) fn new(track: &AnnularTrack, waveform: &Waveform, length_m: f64) -> Result<Self, MechanicsError> {
         let map = TrayMap::new(track, waveform)?;
         let radius_m = track.tray().outer_radius_m - length_m / 2.0;
         Ok(Self {

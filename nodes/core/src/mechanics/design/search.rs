@@ -35,21 +35,9 @@ impl<F: Fn(&[f64]) -> f64> CostFunction for Negated<'_, F> {
 }
 
 /// Climbs from `start`, whose coordinates are varied by about `steps_by` at first.
-pub(super) fn climb<F: Fn(&[f64]) -> f64>(
-    objective: &F,
-    start: Vec<f64>,
-    step_by: &[f64],
-    steps: u64,
-) -> Found {
+pub(super) fn climb<F: Fn(&[f64]) -> f64>(objective: &F, start: Vec<f64>, step_by: &[f64], steps: u64) -> Found {
     let value = objective(&start);
-    let mut best = Found {
-        value: if value.is_nan() {
-            f64::NEG_INFINITY
-        } else {
-            value
-        },
-        point: start,
-    };
+    let mut best = Found { value: if value.is_nan() { f64::NEG_INFINITY } else { value }, point: start };
     let mut left = steps;
     // Nelder-Mead collapses on the kinks of a max-min; a fresh simplex there often finds the way on.
     let mut scale = 1.0;
@@ -83,19 +71,11 @@ fn run_once<F: Fn(&[f64]) -> f64>(
         point[i] += step_by[i] * scale;
         point
     };
-    let simplex = std::iter::once(start.to_vec())
-        .chain((0..start.len()).map(corner))
-        .collect();
+    let simplex = std::iter::once(start.to_vec()).chain((0..start.len()).map(corner)).collect();
     let solver = NelderMead::new(simplex);
-    let outcome = Executor::new(Negated(objective), solver)
-        .configure(|state| state.max_iters(steps))
-        .timer(false)
-        .run()
-        .ok()?;
+    let outcome =
+        Executor::new(Negated(objective), solver).configure(|state| state.max_iters(steps)).timer(false).run().ok()?;
     let state = outcome.state();
     let point = state.get_best_param()?.clone();
-    Some(Found {
-        value: objective(&point),
-        point,
-    })
+    Some(Found { value: objective(&point), point })
 }

@@ -52,15 +52,8 @@ impl<'a> Crest<'a> {
     /// `None` unless parts climb the ramp and move on along the plateau.
     pub(super) fn new(ramp: &'a Drive, plateau: &'a Drive, slope_rad: f64) -> Option<Self> {
         let (ramp_steady, plateau_steady) = (ramp.steady()?, plateau.steady()?);
-        let moves =
-            ramp_steady.feed_m_s > STANDSTILL_M_S && plateau_steady.feed_m_s > STANDSTILL_M_S;
-        moves.then(|| Self {
-            ramp,
-            plateau,
-            ramp_steady,
-            plateau_steady,
-            cos: slope_rad.cos(),
-        })
+        let moves = ramp_steady.feed_m_s > STANDSTILL_M_S && plateau_steady.feed_m_s > STANDSTILL_M_S;
+        moves.then(|| Self { ramp, plateau, ramp_steady, plateau_steady, cos: slope_rad.cos() })
     }
 
     /// Mean arc speed on the ramp, m/s.
@@ -79,14 +72,8 @@ impl<'a> Crest<'a> {
         // From here on back, a part is still on the ramp throughout the period before.
         let hop_m = self.ramp_steady.feed_m_s * self.ramp.period_s();
         let clear_m = (self.farthest_m() / hop_m).ceil() * hop_m;
-        let ways = (1..=places)
-            .map(|i| self.way(clear_m + hop_m * f64::from(i) / f64::from(places)))
-            .collect();
-        Passage {
-            ways,
-            ramp_hop_m,
-            plateau_hop_m,
-        }
+        let ways = (1..=places).map(|i| self.way(clear_m + hop_m * f64::from(i) / f64::from(places))).collect();
+        Passage { ways, ramp_hop_m, plateau_hop_m }
     }
 
     /// How far a part on the ramp gets from where it starts a period, at most, m.
@@ -102,15 +89,8 @@ impl<'a> Crest<'a> {
     /// The way of a part that begins a period `before_m` before the crest.
     fn way(&self, before_m: f64) -> Way {
         let fast = self.ramp_steady.feed_m_s.max(self.plateau_steady.feed_m_s);
-        let mut part = Place {
-            s_m: -before_m,
-            w_m_s: self.ramp_steady.start_m_s,
-            on_plateau: false,
-        };
-        let mut way = Way {
-            positions_m: Vec::new(),
-            one_hop_past: 0,
-        };
+        let mut part = Place { s_m: -before_m, w_m_s: self.ramp_steady.start_m_s, on_plateau: false };
+        let mut way = Way { positions_m: Vec::new(), one_hop_past: 0 };
         while way.positions_m.len() < PERIODS_MAX {
             if !part.on_plateau {
                 way.one_hop_past = way.positions_m.len() + 1;
@@ -133,25 +113,13 @@ impl<'a> Crest<'a> {
                 let leg = if part.on_plateau { plateau } else { ramp };
                 let phase = leg.next_phase(part.w_m_s, left_s);
                 let end_m = part.s_m + phase.distance_m();
-                let leaves = if part.on_plateau {
-                    end_m < 0.0
-                } else {
-                    end_m > 0.0
-                };
+                let leaves = if part.on_plateau { end_m < 0.0 } else { end_m > 0.0 };
                 if leaves {
                     let (duration_s, w_m_s) = reach(&phase, -part.s_m);
-                    part = Place {
-                        s_m: 0.0,
-                        w_m_s,
-                        on_plateau: !part.on_plateau,
-                    };
+                    part = Place { s_m: 0.0, w_m_s, on_plateau: !part.on_plateau };
                     left_s -= duration_s;
                 } else {
-                    part = Place {
-                        s_m: end_m,
-                        w_m_s: phase.to_m_s,
-                        ..part
-                    };
+                    part = Place { s_m: end_m, w_m_s: phase.to_m_s, ..part };
                     left_s -= phase.duration_s;
                 }
             }
@@ -172,16 +140,9 @@ struct Place {
 fn reach(phase: &Phase, distance_m: f64) -> (f64, f64) {
     let acceleration = (phase.to_m_s - phase.from_m_s) / phase.duration_s;
     let square = phase.from_m_s * phase.from_m_s + 2.0 * acceleration * distance_m;
-    let w_m_s = square
-        .max(0.0)
-        .sqrt()
-        .copysign(phase.from_m_s + phase.to_m_s);
+    let w_m_s = square.max(0.0).sqrt().copysign(phase.from_m_s + phase.to_m_s);
     let duration_s = 2.0 * distance_m / (phase.from_m_s + w_m_s);
-    if duration_s.is_finite() {
-        (duration_s.clamp(0.0, phase.duration_s), w_m_s)
-    } else {
-        (0.0, w_m_s)
-    }
+    if duration_s.is_finite() { (duration_s.clamp(0.0, phase.duration_s), w_m_s) } else { (0.0, w_m_s) }
 }
 
 impl Passage {
@@ -190,14 +151,10 @@ impl Passage {
     /// all parts would pass the crest alike, must not rest on that.
     fn least_spacing_m(&self, ramp_steps: usize) -> f64 {
         let inexact = (self.ways.len() / INEXACT_PART_OF_HOP).max(1);
-        [
-            ramp_steps.saturating_sub(inexact),
-            ramp_steps,
-            ramp_steps + inexact,
-        ]
-        .into_iter()
-        .map(|steps| self.least_spacing_at_m(steps))
-        .fold(f64::INFINITY, f64::min)
+        [ramp_steps.saturating_sub(inexact), ramp_steps, ramp_steps + inexact]
+            .into_iter()
+            .map(|steps| self.least_spacing_at_m(steps))
+            .fold(f64::INFINITY, f64::min)
     }
 
     fn least_spacing_at_m(&self, ramp_steps: usize) -> f64 {
@@ -206,11 +163,8 @@ impl Passage {
         let spacing = |first: usize| {
             let (later, second) = (hops + (first + rest) / n, &self.ways[(first + rest) % n]);
             let first = &self.ways[first];
-            let after = |periods: usize| {
-                self.position_m(first, periods + later) - self.position_m(second, periods)
-            };
-            after(second.one_hop_past)
-                .min(after(second.positions_m.len() + first.positions_m.len()))
+            let after = |periods: usize| self.position_m(first, periods + later) - self.position_m(second, periods);
+            after(second.one_hop_past).min(after(second.positions_m.len() + first.positions_m.len()))
         };
         (0..n).map(spacing).fold(f64::INFINITY, f64::min)
     }
@@ -218,8 +172,7 @@ impl Passage {
     /// Position after a number of periods; a part that has settled goes on hop by hop.
     fn position_m(&self, way: &Way, periods: usize) -> f64 {
         let last = way.positions_m.len() - 1;
-        way.positions_m[periods.min(last)]
-            + self.plateau_hop_m * as_f64(periods.saturating_sub(last))
+        way.positions_m[periods.min(last)] + self.plateau_hop_m * as_f64(periods.saturating_sub(last))
     }
 
     /// The smallest spacing on the plateau of parts that are at least `ramp_m` apart on the ramp, arc lengths in m.
@@ -240,11 +193,7 @@ impl Passage {
 
     fn steps(&self, ramp_m: f64) -> usize {
         let steps = (ramp_m / self.ramp_hop_m * as_f64(self.ways.len()) - 1e-9).ceil();
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "clamped to a range that fits"
-        )]
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a range that fits")]
         let steps = steps.clamp(0.0, 1e9) as usize;
         steps
     }

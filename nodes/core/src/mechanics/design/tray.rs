@@ -97,11 +97,7 @@ impl DesignedTray {
     /// The smallest spacing on the plateau of any kind and friction, in part lengths.
     #[must_use]
     pub fn spacing_parts(&self) -> Option<f64> {
-        self.flows
-            .iter()
-            .flatten()
-            .map(|flow| flow.plateau_spacing_parts)
-            .reduce(f64::min)
+        self.flows.iter().flatten().map(|flow| flow.plateau_spacing_parts).reduce(f64::min)
     }
 }
 
@@ -120,41 +116,24 @@ impl TrayGoal {
         mut progress: impl FnMut(f64),
     ) -> Result<Option<DesignedTray>, MechanicsError> {
         self.check()?;
-        let space = ShapeSpace {
-            axis: Axis::Yaw,
-            segments,
-            limit: self.limits.max_acceleration,
-        };
+        let space = ShapeSpace { axis: Axis::Yaw, segments, limit: self.limits.max_acceleration };
         let step_by = [space.step_by(), vec![0.2; Candidate::EXTRAS]].concat();
-        let climb_all =
-            |starts: Vec<Vec<f64>>, detail: Detail, steps: u64, progress: &mut dyn FnMut(f64)| {
-                let objective =
-                    |point: &[f64]| self.score(&space, point, detail).unwrap_or(f64::NAN);
-                let total = starts.len();
-                let mut found: Vec<Found> = Vec::with_capacity(total);
-                for start in starts {
-                    found.push(climb(&objective, start, &step_by, steps));
-                    progress(share(found.len(), total));
-                }
-                found.sort_by(|one, other| other.value.total_cmp(&one.value));
-                found
-            };
-        let coarse = climb_all(
-            self.starts(&space, effort),
-            Detail::MeanSpeeds,
-            effort.steps,
-            &mut |done| progress(done / 2.0),
-        );
-        let finalists = coarse
-            .into_iter()
-            .take(FINALISTS)
-            .map(|found| found.point)
-            .collect();
-        let mut asked_parts = self.spacing_parts * SPACING_MARGIN;
-        let detail = Detail::Crest {
-            places: SEARCH_PLACES,
-            asked_parts,
+        let climb_all = |starts: Vec<Vec<f64>>, detail: Detail, steps: u64, progress: &mut dyn FnMut(f64)| {
+            let objective = |point: &[f64]| self.score(&space, point, detail).unwrap_or(f64::NAN);
+            let total = starts.len();
+            let mut found: Vec<Found> = Vec::with_capacity(total);
+            for start in starts {
+                found.push(climb(&objective, start, &step_by, steps));
+                progress(share(found.len(), total));
+            }
+            found.sort_by(|one, other| other.value.total_cmp(&one.value));
+            found
         };
+        let coarse =
+            climb_all(self.starts(&space, effort), Detail::MeanSpeeds, effort.steps, &mut |done| progress(done / 2.0));
+        let finalists = coarse.into_iter().take(FINALISTS).map(|found| found.point).collect();
+        let mut asked_parts = self.spacing_parts * SPACING_MARGIN;
+        let detail = Detail::Crest { places: SEARCH_PLACES, asked_parts };
         let mut winners = climb_all(finalists, detail, effort.steps, &mut |done| {
             progress(0.5 + 0.4 * done);
         });
@@ -162,10 +141,7 @@ impl TrayGoal {
         for round in 1..=POLISH_ROUNDS {
             winners.truncate(WINNERS);
             let points = winners.into_iter().map(|found| found.point).collect();
-            let detail = Detail::Crest {
-                places: POLISH_PLACES,
-                asked_parts,
-            };
+            let detail = Detail::Crest { places: POLISH_PLACES, asked_parts };
             winners = climb_all(points, detail, effort.steps / 4, &mut |_| ());
             progress(0.9 + 0.1 * share(round, POLISH_ROUNDS));
             for found in &winners {
@@ -175,18 +151,13 @@ impl TrayGoal {
                 let Some(rated) = self.rated(candidate)? else {
                     continue;
                 };
-                if best
-                    .as_ref()
-                    .is_none_or(|best| rated.parts_per_min > best.parts_per_min)
-                {
+                if best.as_ref().is_none_or(|best| rated.parts_per_min > best.parts_per_min) {
                     best = Some(rated);
                 }
             }
             // Where even the best arrive too close together, ask for that much more.
-            let Some(spacing) = best
-                .as_ref()
-                .filter(|best| best.parts_per_min == 0.0)
-                .and_then(DesignedTray::spacing_parts)
+            let Some(spacing) =
+                best.as_ref().filter(|best| best.parts_per_min == 0.0).and_then(DesignedTray::spacing_parts)
             else {
                 break;
             };
@@ -200,11 +171,7 @@ impl TrayGoal {
     /// # Errors
     ///
     /// If the tray has no lane for a part, or a part leaves its surface.
-    pub fn rate(
-        &self,
-        tray: TrayGeometry,
-        waveform: Waveform,
-    ) -> Result<Option<DesignedTray>, MechanicsError> {
+    pub fn rate(&self, tray: TrayGeometry, waveform: Waveform) -> Result<Option<DesignedTray>, MechanicsError> {
         self.check()?;
         self.rated(Candidate { tray, waveform })
     }
@@ -216,56 +183,24 @@ impl TrayGoal {
         for kind in &self.kinds {
             let mut of_kind = Vec::with_capacity(kind.frictions.len());
             for &friction in &kind.frictions {
-                let track =
-                    AnnularTrack::new(tray, Friction::uniform(friction)?, self.gravity_m_s2)?;
-                let flow = lane_flow(
-                    &track,
-                    &waveform,
-                    kind.length_m,
-                    self.loading,
-                    self.spacing_parts,
-                )?;
+                let track = AnnularTrack::new(tray, Friction::uniform(friction)?, self.gravity_m_s2)?;
+                let flow = lane_flow(&track, &waveform, kind.length_m, self.loading, self.spacing_parts)?;
                 let Some(flow) = flow else { return Ok(None) };
                 let arrives_apart = flow.plateau_spacing_parts >= self.spacing_parts * (1.0 - 1e-9);
-                parts_per_min = parts_per_min.min(if arrives_apart {
-                    flow.parts_per_min
-                } else {
-                    0.0
-                });
+                parts_per_min = parts_per_min.min(if arrives_apart { flow.parts_per_min } else { 0.0 });
                 let critical = TrayMap::new(&track, &waveform)?.critical_radius_m()?;
-                critical_radius_m = critical
-                    .into_iter()
-                    .chain(critical_radius_m)
-                    .reduce(f64::max);
+                critical_radius_m = critical.into_iter().chain(critical_radius_m).reduce(f64::max);
                 of_kind.push(flow);
             }
             flows.push(of_kind);
         }
         let (inner, outer) = (self.inner_radius_m, self.outer_radius_m);
-        let stranded_share = critical_radius_m.map_or(0.0, |critical| {
-            (critical * critical - inner * inner).max(0.0) / (outer * outer - inner * inner)
-        });
-        let widest_m = self
-            .kinds
-            .iter()
-            .map(|kind| kind.length_m)
-            .fold(0.0, f64::max);
-        let inner_radius_m = critical_radius_m
-            .unwrap_or(inner)
-            .max(inner)
-            .min(outer - widest_m);
-        let tray = TrayGeometry {
-            inner_radius_m,
-            ..tray
-        };
-        Ok(Some(DesignedTray {
-            tray,
-            waveform,
-            flows,
-            parts_per_min,
-            critical_radius_m,
-            stranded_share,
-        }))
+        let stranded_share = critical_radius_m
+            .map_or(0.0, |critical| (critical * critical - inner * inner).max(0.0) / (outer * outer - inner * inner));
+        let widest_m = self.kinds.iter().map(|kind| kind.length_m).fold(0.0, f64::max);
+        let inner_radius_m = critical_radius_m.unwrap_or(inner).max(inner).min(outer - widest_m);
+        let tray = TrayGeometry { inner_radius_m, ..tray };
+        Ok(Some(DesignedTray { tray, waveform, flows, parts_per_min, critical_radius_m, stranded_share }))
     }
 
     /// Checks every parameter of the goal.
@@ -286,25 +221,15 @@ impl TrayGoal {
         )?;
         OutOfRange::unless_positive("inner_radius_m", self.inner_radius_m)?;
         match self.period {
-            Period::Fixed(period_s) | Period::UpTo(period_s) => {
-                OutOfRange::unless_positive("period_s", period_s)?
-            }
+            Period::Fixed(period_s) | Period::UpTo(period_s) => OutOfRange::unless_positive("period_s", period_s)?,
         };
-        OutOfRange::unless(
-            !self.kinds.is_empty(),
-            "kinds",
-            share(self.kinds.len(), 1),
-            "at least one",
-        )?;
+        OutOfRange::unless(!self.kinds.is_empty(), "kinds", share(self.kinds.len(), 1), "at least one")?;
         for kind in &self.kinds {
             OutOfRange::unless(
                 kind.length_m > 0.0 && kind.length_m < self.outer_radius_m - self.inner_radius_m,
                 "length_m",
                 kind.length_m,
-                format_args!(
-                    "0 < length_m < {} (between the walls)",
-                    self.outer_radius_m - self.inner_radius_m
-                ),
+                format_args!("0 < length_m < {} (between the walls)", self.outer_radius_m - self.inner_radius_m),
             )?;
             OutOfRange::unless(
                 !kind.frictions.is_empty(),
@@ -323,31 +248,19 @@ impl TrayGoal {
     fn starts(&self, space: &ShapeSpace, effort: Effort) -> Vec<Vec<f64>> {
         let gentlest = self.tray(&[0.0; Candidate::EXTRAS]);
         let extras = vec![0.0; Candidate::EXTRAS];
-        let cases = self
-            .kinds
-            .iter()
-            .flat_map(|kind| kind.frictions.iter().map(move |&friction| (kind, friction)));
+        let cases = self.kinds.iter().flat_map(|kind| kind.frictions.iter().map(move |&friction| (kind, friction)));
         let known = cases.flat_map(|(kind, friction)| {
             let radius_m = self.outer_radius_m - kind.length_m / 2.0;
-            [0.0, gentlest.ramp_slope_rad(radius_m)]
-                .into_iter()
-                .filter_map(move |slope_rad| {
-                    let limit_m_s2 = self.limits.max_acceleration * radius_m;
-                    let design = OptimalDesign {
-                        friction,
-                        slope_rad,
-                        gravity_m_s2: self.gravity_m_s2,
-                        limit_m_s2,
-                    };
-                    closed_form(Axis::Yaw, radius_m, 1.0, &design)
-                })
+            [0.0, gentlest.ramp_slope_rad(radius_m)].into_iter().filter_map(move |slope_rad| {
+                let limit_m_s2 = self.limits.max_acceleration * radius_m;
+                let design = OptimalDesign { friction, slope_rad, gravity_m_s2: self.gravity_m_s2, limit_m_s2 };
+                closed_form(Axis::Yaw, radius_m, 1.0, &design)
+            })
         });
         let mut random = Pcg64Mcg::seed_from_u64(effort.seed);
         let random = (0..effort.starts).map(|_| space.random_point(&mut random));
         let points = known.map(|waveform| space.point(&waveform)).chain(random);
-        points
-            .map(|point| [point, extras.clone()].concat())
-            .collect()
+        points.map(|point| [point, extras.clone()].concat()).collect()
     }
 
     /// The tray of a point's extra coordinates: as gentle as allowed at 0, steeper away from it.
@@ -373,10 +286,7 @@ impl TrayGoal {
                 space.waveform(shape, longest_s * (-extras[2].abs()).exp())?
             }
         };
-        Some(Candidate {
-            tray: self.tray(extras),
-            waveform,
-        })
+        Some(Candidate { tray: self.tray(extras), waveform })
     }
 
     /// Parts per minute for the worst kind and friction; less than 0 where parts do not climb or are too close.
@@ -385,23 +295,13 @@ impl TrayGoal {
         let mut worst = f64::INFINITY;
         for kind in &self.kinds {
             for &friction in &kind.frictions {
-                let track =
-                    AnnularTrack::new(tray, Friction::uniform(friction).ok()?, self.gravity_m_s2)
-                        .ok()?;
+                let track = AnnularTrack::new(tray, Friction::uniform(friction).ok()?, self.gravity_m_s2).ok()?;
                 let lane = Lane::new(&track, &waveform, kind.length_m).ok()?;
-                let score =
-                    match lane.with_crest(|crest| self.crest_score(crest, kind.length_m, detail)) {
-                        Some(score) => score,
-                        // How far from climbing, so that the search can find its way.
-                        None => {
-                            lane.ramp
-                                .steady()?
-                                .feed_m_s
-                                .min(lane.plateau.steady()?.feed_m_s)
-                                / kind.length_m
-                                - 1.0
-                        }
-                    };
+                let score = match lane.with_crest(|crest| self.crest_score(crest, kind.length_m, detail)) {
+                    Some(score) => score,
+                    // How far from climbing, so that the search can find its way.
+                    None => lane.ramp.steady()?.feed_m_s.min(lane.plateau.steady()?.feed_m_s) / kind.length_m - 1.0,
+                };
                 worst = worst.min(score);
             }
         }
@@ -418,10 +318,7 @@ impl TrayGoal {
                     Loading::Queued => per_min(length_m) * too_close(spread),
                 }
             }
-            Detail::Crest {
-                places,
-                asked_parts,
-            } => {
+            Detail::Crest { places, asked_parts } => {
                 let passage = crest.passage(places);
                 let ramp_m = self.loading.ramp_spacing_m(&passage, length_m, asked_parts);
                 per_min(ramp_m) * too_close(passage.spacing_m(ramp_m) / (asked_parts * length_m))

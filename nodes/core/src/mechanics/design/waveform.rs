@@ -57,11 +57,7 @@ impl WaveformGoal {
     /// # Errors
     ///
     /// If a parameter of the goal is out of range.
-    pub fn best(
-        &self,
-        segments: usize,
-        effort: Effort,
-    ) -> Result<Option<DesignedWaveform>, OutOfRange> {
+    pub fn best(&self, segments: usize, effort: Effort) -> Result<Option<DesignedWaveform>, OutOfRange> {
         self.check(segments)?;
         let closed_forms: Vec<Waveform> = self
             .frictions
@@ -83,11 +79,7 @@ impl WaveformGoal {
     /// # Errors
     ///
     /// If a parameter of the goal is out of range.
-    pub fn search(
-        &self,
-        segments: usize,
-        effort: Effort,
-    ) -> Result<Option<DesignedWaveform>, OutOfRange> {
+    pub fn search(&self, segments: usize, effort: Effort) -> Result<Option<DesignedWaveform>, OutOfRange> {
         self.check(segments)?;
         Ok(self.searched(segments, &[], effort))
     }
@@ -95,21 +87,10 @@ impl WaveformGoal {
     /// Mean feed of `waveform` for each friction of the goal after the amplifier's slew, m/s; `None` where the part
     /// leaves the tray or slides down without end.
     pub fn feeds_m_s(&self, waveform: &Waveform) -> impl Iterator<Item = Option<f64>> {
-        let slewed = if self.slew_s > 0.0 {
-            waveform.slew_limited(self.slew_s, SLEW_STEPS).ok()
-        } else {
-            None
-        };
+        let slewed = if self.slew_s > 0.0 { waveform.slew_limited(self.slew_s, SLEW_STEPS).ok() } else { None };
         self.frictions.iter().map(move |&mu| {
-            let track = Track::new(
-                Friction::uniform(mu).ok()?,
-                self.slope_rad,
-                self.gravity_m_s2,
-            )
-            .ok()?;
-            let drive = track
-                .drive(slewed.as_ref().unwrap_or(waveform), self.lever)
-                .ok()?;
+            let track = Track::new(Friction::uniform(mu).ok()?, self.slope_rad, self.gravity_m_s2).ok()?;
+            let drive = track.drive(slewed.as_ref().unwrap_or(waveform), self.lever).ok()?;
             Some(drive.steady()?.feed_m_s)
         })
     }
@@ -125,38 +106,18 @@ impl WaveformGoal {
             format_args!("0 ≤ slew_s < {}", self.period_s),
         )?;
         let count = |n: usize| f64::from(u32::try_from(n).unwrap_or(u32::MAX));
-        OutOfRange::unless(
-            (2..=64).contains(&segments),
-            "segments",
-            count(segments),
-            "2 to 64",
-        )?;
-        OutOfRange::unless(
-            !self.frictions.is_empty(),
-            "frictions",
-            count(self.frictions.len()),
-            "at least one",
-        )?;
+        OutOfRange::unless((2..=64).contains(&segments), "segments", count(segments), "2 to 64")?;
+        OutOfRange::unless(!self.frictions.is_empty(), "frictions", count(self.frictions.len()), "at least one")?;
         check_slope(self.slope_rad, self.gravity_m_s2)?;
         for &mu in &self.frictions {
             let angle_rad = Friction::uniform(mu)?.kinetic_coefficient().atan();
             let allowed = format_args!("within ±{angle_rad} (the friction angle for {mu})");
-            OutOfRange::unless(
-                self.slope_rad.abs() < angle_rad,
-                "slope_rad",
-                self.slope_rad,
-                allowed,
-            )?;
+            OutOfRange::unless(self.slope_rad.abs() < angle_rad, "slope_rad", self.slope_rad, allowed)?;
         }
         let limit_m_s2 = self.limits.max_acceleration * self.lever;
         let lift_off = self.gravity_m_s2 / self.slope_rad.abs().tan();
         let allowed = format_args!("at most {lift_off} m/s² at the part (g / tan |φ|, contact)");
-        OutOfRange::unless(
-            limit_m_s2 <= lift_off,
-            "max_acceleration",
-            limit_m_s2,
-            allowed,
-        )?;
+        OutOfRange::unless(limit_m_s2 <= lift_off, "max_acceleration", limit_m_s2, allowed)?;
         Ok(())
     }
 
@@ -169,25 +130,13 @@ impl WaveformGoal {
         }
     }
 
-    fn searched(
-        &self,
-        segments: usize,
-        known: &[Waveform],
-        effort: Effort,
-    ) -> Option<DesignedWaveform> {
-        let space = ShapeSpace {
-            axis: self.axis,
-            segments,
-            limit: self.limits.max_acceleration,
-        };
+    fn searched(&self, segments: usize, known: &[Waveform], effort: Effort) -> Option<DesignedWaveform> {
+        let space = ShapeSpace { axis: self.axis, segments, limit: self.limits.max_acceleration };
         let objective = |point: &[f64]| {
-            let worst = space
-                .waveform(point, self.period_s)
-                .and_then(|waveform| tamed(waveform, &self.limits))
-                .and_then(|waveform| {
-                    self.feeds_m_s(&waveform)
-                        .try_fold(f64::INFINITY, |worst, feed| Some(worst.min(feed?)))
-                });
+            let worst =
+                space.waveform(point, self.period_s).and_then(|waveform| tamed(waveform, &self.limits)).and_then(
+                    |waveform| self.feeds_m_s(&waveform).try_fold(f64::INFINITY, |worst, feed| Some(worst.min(feed?))),
+                );
             worst.unwrap_or(f64::NAN)
         };
         let mut random = Pcg64Mcg::seed_from_u64(effort.seed);
@@ -199,28 +148,14 @@ impl WaveformGoal {
             .map(|start| climb(&objective, start, &space.step_by(), effort.steps))
             .filter(|found| found.value > 0.0)
             .max_by(|one, other| one.value.total_cmp(&other.value))?;
-        self.rated(
-            tamed(space.waveform(&best.point, self.period_s)?, &self.limits)?,
-            false,
-        )
+        self.rated(tamed(space.waveform(&best.point, self.period_s)?, &self.limits)?, false)
     }
 
     fn rated(&self, waveform: Waveform, proven: bool) -> Option<DesignedWaveform> {
         let feeds_m_s = self.feeds_m_s(&waveform).collect::<Option<Vec<_>>>()?;
         let worst_feed_m_s = feeds_m_s.iter().copied().reduce(f64::min)?;
-        let bounds = self
-            .frictions
-            .iter()
-            .map(|&mu| self.design(mu).best_feed_m_s(self.period_s).ok());
-        let bound_m_s = bounds
-            .collect::<Option<Vec<_>>>()
-            .and_then(|bounds| bounds.into_iter().reduce(f64::min));
-        Some(DesignedWaveform {
-            waveform,
-            feeds_m_s,
-            worst_feed_m_s,
-            bound_m_s,
-            proven,
-        })
+        let bounds = self.frictions.iter().map(|&mu| self.design(mu).best_feed_m_s(self.period_s).ok());
+        let bound_m_s = bounds.collect::<Option<Vec<_>>>().and_then(|bounds| bounds.into_iter().reduce(f64::min));
+        Some(DesignedWaveform { waveform, feeds_m_s, worst_feed_m_s, bound_m_s, proven })
     }
 }

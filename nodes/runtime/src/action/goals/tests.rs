@@ -13,12 +13,7 @@ fn at(sec: i32) -> Time {
 }
 
 fn cancel(goal: u8, until: i32) -> CancelGoalRequest {
-    CancelGoalRequest {
-        goal_info: GoalInfo {
-            goal_id: id(goal).into(),
-            stamp: at(until),
-        },
-    }
+    CancelGoalRequest { goal_info: GoalInfo { goal_id: id(goal).into(), stamp: at(until) } }
 }
 
 fn goals() -> Goals<&'static str, u32> {
@@ -36,20 +31,10 @@ fn a_goal_runs_its_course_and_its_result_is_kept_for_a_while() {
     assert_eq!(goals.result(id(1), 10), ResultOf::Later);
     goals.start(id(1)).expect("accepted");
     assert_eq!(goals.result(id(1), 11), ResultOf::Later);
-    assert_eq!(
-        goals.finish(id(1), GoalStatus::Succeeded, "done", NOW),
-        Ok(vec![10, 11])
-    );
-    assert_eq!(
-        goals.result(id(1), 12),
-        ResultOf::Known(12, GoalStatus::Succeeded, &"done")
-    );
+    assert_eq!(goals.finish(id(1), GoalStatus::Succeeded, "done", NOW), Ok(vec![10, 11]));
+    assert_eq!(goals.result(id(1), 12), ResultOf::Known(12, GoalStatus::Succeeded, &"done"));
     assert_eq!(goals.next_expiry(), Some(NOW + KEEP));
-    assert!(
-        goals
-            .expire(NOW + KEEP - Duration::from_nanos(1))
-            .is_empty()
-    );
+    assert!(goals.expire(NOW + KEEP - Duration::from_nanos(1)).is_empty());
     assert_eq!(goals.expire(NOW + KEEP), [id(1)]);
     assert_eq!(goals.result(id(1), 13), ResultOf::Unknown(13));
     assert_eq!(goals.status(id(2)), GoalStatus::Accepted);
@@ -58,61 +43,33 @@ fn a_goal_runs_its_course_and_its_result_is_kept_for_a_while() {
 #[test]
 fn what_the_state_does_not_allow_is_refused() {
     let mut goals = goals();
-    let refused = |from, to| {
-        Err(GoalError::Transition {
-            id: id(1),
-            from,
-            to,
-        })
-    };
+    let refused = |from, to| Err(GoalError::Transition { id: id(1), from, to });
     assert_eq!(
         goals.finish(id(1), GoalStatus::Succeeded, "", NOW),
         refused(GoalStatus::Accepted, GoalStatus::Succeeded).map(|()| vec![])
     );
     goals.start(id(1)).expect("accepted");
-    assert_eq!(
-        goals.start(id(1)),
-        refused(GoalStatus::Executing, GoalStatus::Executing)
-    );
+    assert_eq!(goals.start(id(1)), refused(GoalStatus::Executing, GoalStatus::Executing));
     assert!(goals.finish(id(1), GoalStatus::Canceled, "", NOW).is_err());
     assert!(goals.finish(id(1), GoalStatus::Executing, "", NOW).is_err());
     goals.begin_cancel(id(1)).expect("executing");
-    goals
-        .finish(id(1), GoalStatus::Canceled, "", NOW)
-        .expect("canceling");
-    assert_eq!(
-        goals.begin_cancel(id(1)),
-        refused(GoalStatus::Canceled, GoalStatus::Canceling)
-    );
+    goals.finish(id(1), GoalStatus::Canceled, "", NOW).expect("canceling");
+    assert_eq!(goals.begin_cancel(id(1)), refused(GoalStatus::Canceled, GoalStatus::Canceling));
     assert_eq!(goals.start(id(9)), Err(GoalError::Unknown(id(9))));
 }
 
 #[test]
 fn cancel_means_the_goals_that_ros_2_means() {
     let mut goals = goals();
-    assert_eq!(
-        goals.to_cancel(&cancel(0, 0)),
-        Ok(vec![id(1), id(2), id(3)])
-    );
+    assert_eq!(goals.to_cancel(&cancel(0, 0)), Ok(vec![id(1), id(2), id(3)]));
     assert_eq!(goals.to_cancel(&cancel(0, 2)), Ok(vec![id(1), id(2)]));
     assert_eq!(goals.to_cancel(&cancel(3, 0)), Ok(vec![id(3)]));
     assert_eq!(goals.to_cancel(&cancel(3, 1)), Ok(vec![id(1), id(3)]));
-    assert_eq!(
-        goals.to_cancel(&cancel(9, 0)),
-        Err(NothingToCancel::UnknownGoal)
-    );
+    assert_eq!(goals.to_cancel(&cancel(9, 0)), Err(NothingToCancel::UnknownGoal));
     goals.start(id(3)).expect("accepted");
-    goals
-        .finish(id(3), GoalStatus::Aborted, "", NOW)
-        .expect("executing");
-    assert_eq!(
-        goals.to_cancel(&cancel(3, 0)),
-        Err(NothingToCancel::Terminated)
-    );
-    assert_eq!(
-        Goals::<(), ()>::new(KEEP).to_cancel(&cancel(0, 0)),
-        Err(NothingToCancel::NoneRunning)
-    );
+    goals.finish(id(3), GoalStatus::Aborted, "", NOW).expect("executing");
+    assert_eq!(goals.to_cancel(&cancel(3, 0)), Err(NothingToCancel::Terminated));
+    assert_eq!(Goals::<(), ()>::new(KEEP).to_cancel(&cancel(0, 0)), Err(NothingToCancel::NoneRunning));
 }
 
 #[derive(Debug, Clone)]

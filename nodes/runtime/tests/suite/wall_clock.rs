@@ -1,15 +1,11 @@
 //! Nodes against the wall clock, over real DDS.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod common;
-
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime};
 
-use common::{participant, wait_until};
+use crate::common::{participant, wait_until};
 use feeder_runtime::dds::{Domain, Participant, Qos, Reader};
 use feeder_runtime::launch::run_real;
 use feeder_runtime::node::{

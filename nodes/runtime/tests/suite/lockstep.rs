@@ -1,7 +1,5 @@
 //! The loop over real DDS: toy nodes in threads, each with a participant of its own.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::thread::JoinHandle;
@@ -296,6 +294,7 @@ fn start(domain: &Domain, contract: &LoopContract, quirks: [Quirk; 3]) -> Nodes 
         contract: Arc::new(contract.clone()),
         namespace: NAMESPACE.into(),
         domain: *domain,
+        hub: None,
         digest_dir: Some(digests.path().to_owned()),
         stop: stop.clone(),
     };
