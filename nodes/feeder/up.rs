@@ -244,5 +244,5 @@ fn start_monitor(seat: &Seat, scenario: &Scenario, progress: Arc<Mutex<Progress>
     let monitor = RunMonitor::watched(ports, scenario, progress);
     let (seat, scenario) = (seat.clone(), scenario.clone());
     let thread = std::thread::Builder::new().name(RunMonitor::NAME.to_owned());
-    Ok(thread.spawn(move || run_opened(&seat, monitor, &scenario, declare.finish()))?)
+    Ok(thread.spawn(move || run_opened(&seat, monitor, RunMonitor::NAME, &scenario, declare.finish()))?)
 }

@@ -145,7 +145,7 @@ impl PartSimulator {
         let reach_m = 0.5 * (request.gripper_opening_m - self.bulk.part_type().diameter_m);
         let response = if !(tool.x.is_finite() && tool.y.is_finite() && height_m.abs() <= GRIP_HEIGHT_M) {
             missed(format!("the tool is {height_m} m above the plateau, allowed is {GRIP_HEIGHT_M} m either way"))
-        } else if !(reach_m > 0.0) {
+        } else if reach_m.is_nan() || reach_m <= 0.0 {
             missed(format!("an opening of {} m is narrower than the part", request.gripper_opening_m))
         } else {
             let at = planar_isometry(&request.tool_in_platen).translation.vector;
@@ -169,7 +169,7 @@ impl PartSimulator {
             picked,
             part_id,
             resting_pose: u8::try_from(pose).unwrap_or(u8::MAX),
-            tool_in_platen: request.tool_in_platen.clone(),
+            tool_in_platen: request.tool_in_platen,
         };
         io.publish(&self.ports.events, &event);
     }

@@ -60,21 +60,22 @@ pub fn run_in_loop<N: FeederNode>(seat: &Seat, config: &N::Config) -> Result<(),
     let ports = N::declare(&mut declare, config);
     let interface = declare.finish();
     let node = N::open(ports, config).map_err(RunError::Node)?;
-    run_opened(seat, node, config, interface)
+    run_opened(seat, node, N::NAME, config, interface)
 }
 
-/// Runs a node that its caller has opened itself; see [`run_in_loop`].
+/// Runs a node that its caller has opened, under a name of its own; see [`run_in_loop`].
 ///
 /// # Errors
 /// As [`run_in_loop`].
 pub fn run_opened<N: FeederNode>(
     seat: &Seat,
     node: N,
+    name: &str,
     config: &N::Config,
     interface: Interface,
 ) -> Result<(), RunError> {
-    let full_name = full_name(&seat.namespace, N::NAME);
-    let participant = Participant::open(&seat.domain, &NodeName::new(&seat.namespace, N::NAME)?)?;
+    let full_name = full_name(&seat.namespace, name);
+    let participant = Participant::open(&seat.domain, &NodeName::new(&seat.namespace, name)?)?;
     let now_ns = Arc::new(AtomicU64::new(0));
     let clock: Clock = Arc::new({
         let now_ns = Arc::clone(&now_ns);

@@ -95,7 +95,7 @@ impl<A: Action> ActionServer<A> {
                 match state.goals().result(id.into(), responder) {
                     ResultOf::Known(responder, _, response) => responder.send(response),
                     ResultOf::Unknown(responder) => {
-                        responder.send(&result_response::<A>(GoalStatus::Unknown, A::Result::default()))
+                        responder.send(&result_response::<A>(GoalStatus::Unknown, A::Result::default()));
                     }
                     ResultOf::Later => {}
                 }

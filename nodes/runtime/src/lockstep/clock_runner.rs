@@ -52,7 +52,7 @@ pub struct ClockRunner {
 
 /// How the clock reaches the nodes.
 enum Nodes {
-    Dds { grant: LoopWriter, _statuses: Reader },
+    Dds { grant: Box<LoopWriter>, _statuses: Box<Reader> },
     Here(Hub),
 }
 
@@ -101,12 +101,12 @@ impl ClockRunner {
                 Nodes::Here(hub.clone())
             }
             None => {
-                let grant = LoopWriter::open::<LoopGrant>(participant, GRANT_TOPIC)?;
+                let grant = Box::new(LoopWriter::open::<LoopGrant>(participant, GRANT_TOPIC)?);
                 let statuses = read(participant, STATUS_TOPIC, move |status: LoopStatus| {
                     // A closed inbox belongs to a clock that has stopped.
                     let _ = sender.send(status);
                 })?;
-                Nodes::Dds { grant, _statuses: statuses }
+                Nodes::Dds { grant, _statuses: Box::new(statuses) }
             }
         };
         let time_port = clock_interface().ports.remove(0);

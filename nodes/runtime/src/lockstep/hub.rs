@@ -31,7 +31,7 @@ impl Hub {
     /// Sends a grant to every node. One that has left misses nothing.
     pub(super) fn grant(&self, grant: &LoopGrant) {
         for inbox in self.members().nodes.iter().flatten() {
-            let _ = inbox.send(Incoming::Grant(grant.clone()));
+            let _ = inbox.send(Incoming::Grant(*grant));
         }
     }
 

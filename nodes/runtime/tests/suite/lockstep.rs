@@ -66,7 +66,7 @@ impl Gate {
     }
 }
 
-#[derive(Clone, Default)]
+#[derive(Clone, Default, serde::Serialize)]
 struct NoConfig;
 
 impl std::str::FromStr for NoConfig {
@@ -301,7 +301,7 @@ fn start(domain: &Domain, contract: &LoopContract, quirks: [Quirk; 3]) -> Nodes 
     let threads = quirks.into_iter().enumerate().map(|(index, quirk)| {
         let seat = seat.clone();
         let (toy, interface) = Toy::new(index, quirk);
-        std::thread::spawn(move || run_opened(&seat, toy, NAMES[index], interface).map_err(|error| error.to_string()))
+        std::thread::spawn(move || run_opened(&seat, toy, NAMES[index], &NoConfig, interface).map_err(|error| error.to_string()))
     });
     Nodes { threads: threads.collect(), stop, digests }
 }
@@ -458,6 +458,7 @@ fn a_run_of_another_tick_than_the_configurations_is_refused() {
         contract: Arc::new(contract),
         namespace: NAMESPACE.into(),
         domain: *domain,
+        hub: None,
         digest_dir: None,
         stop: Arc::default(),
     };

@@ -26,6 +26,12 @@ const PATIENCE: Duration = Duration::from_secs(20);
 #[derive(Clone, Default)]
 struct Notes(Arc<Mutex<Vec<String>>>);
 
+impl serde::Serialize for Notes {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_unit()
+    }
+}
+
 impl Notes {
     fn add(&self, note: impl Into<String>) {
         self.0.lock().unwrap().push(note.into());

@@ -17,7 +17,7 @@ enum Toy {
     Failing,
 }
 
-#[derive(Default, Clone)]
+#[derive(Default, Clone, serde::Serialize)]
 struct NoConfig;
 
 impl std::str::FromStr for NoConfig {
