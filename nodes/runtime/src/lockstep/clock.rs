@@ -247,12 +247,16 @@ impl Clock {
         missing.join(", ")
     }
 
+    /// Who is silent, or when nobody is, what each node waits for. A machine that stands still silences all nodes for a
+    /// while; the one that has stopped the loop has been silent for longest.
     fn culprits(&self, now: Duration) -> String {
         let silent_for = |seen: &Seen| now.saturating_sub(seen.heard_at);
+        let longest = self.nodes.values().map(silent_for).max().unwrap_or_default();
+        let limit = SILENCE_LIMIT.max(longest * 3 / 4);
         let silent: Vec<String> = self
             .nodes
             .iter()
-            .filter(|(_, seen)| silent_for(seen) > SILENCE_LIMIT)
+            .filter(|(_, seen)| silent_for(seen) > limit)
             .map(|(node, seen)| format!("{node} has been silent for {:.1} s", silent_for(seen).as_secs_f64()))
             .collect();
         if !silent.is_empty() {
@@ -341,6 +345,18 @@ mod tests {
         let error = clock.check(ms(3100)).unwrap_err();
         assert!(error.to_string().contains("b has been silent"), "{error}");
         assert!(!error.to_string().contains("a has been silent"), "{error}");
+    }
+
+    #[test]
+    fn regress_a_machine_that_stood_still_leaves_the_others_above_suspicion() {
+        let mut clock = clock(Speed::Max);
+        clock.accept(&status("a", 0), ms(0)).unwrap();
+        clock.accept(&status("b", 0), ms(0)).unwrap();
+        clock.grant(ms(0), false).unwrap();
+        clock.accept(&status("a", 11), ms(2200)).unwrap();
+        let error = clock.check(ms(4100)).unwrap_err().to_string();
+        assert!(error.contains("b has been silent for 4.1 s"), "{error}");
+        assert!(!error.contains("a has been silent"), "{error}");
     }
 
     #[test]
