@@ -301,7 +301,9 @@ fn start(domain: &Domain, contract: &LoopContract, quirks: [Quirk; 3]) -> Nodes 
     let threads = quirks.into_iter().enumerate().map(|(index, quirk)| {
         let seat = seat.clone();
         let (toy, interface) = Toy::new(index, quirk);
-        std::thread::spawn(move || run_opened(&seat, toy, NAMES[index], &NoConfig, interface).map_err(|error| error.to_string()))
+        std::thread::spawn(move || {
+            run_opened(&seat, toy, NAMES[index], &NoConfig, interface).map_err(|error| error.to_string())
+        })
     });
     Nodes { threads: threads.collect(), stop, digests }
 }
