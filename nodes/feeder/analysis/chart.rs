@@ -8,6 +8,10 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow};
 use plotters::prelude::*;
 
+/// Size of a drawing, and where its legend begins, in pixels.
+const SIZE: (u32, u32) = (1040, 600);
+const LEGEND_X: i32 = 780;
+
 /// A named set of points.
 #[derive(Clone, Debug)]
 pub(crate) struct Series {
@@ -64,31 +68,34 @@ impl Chart {
     }
 
     fn write_svg(&self, path: &Path) -> Result<()> {
-        let area = SVGBackend::new(path, (960, 600)).into_drawing_area();
+        let area = SVGBackend::new(path, SIZE).into_drawing_area();
         area.fill(&WHITE)?;
+        let (plot, legend) = area.split_horizontally(LEGEND_X);
         let all =
             || self.series.iter().flat_map(|series| &series.points).filter(|(x, y)| x.is_finite() && y.is_finite());
-        let x_range = padded(all().map(|p| p.0)).ok_or_else(|| anyhow!("there is nothing to draw"))?;
-        let y_range = padded(all().map(|p| p.1)).ok_or_else(|| anyhow!("there is nothing to draw"))?;
-        let mut chart = ChartBuilder::on(&area)
-            .caption(&self.title, ("sans-serif", 20))
+        let x = padded(all().map(|p| p.0)).ok_or_else(|| anyhow!("there is nothing to draw"))?;
+        let y = padded(all().map(|p| p.1)).ok_or_else(|| anyhow!("there is nothing to draw"))?;
+        let mut chart = ChartBuilder::on(&plot)
+            .caption(&self.title, ("sans-serif", 18))
             .margin(12)
             .x_label_area_size(42)
             .y_label_area_size(64)
-            .build_cartesian_2d(x_range, y_range)?;
+            .build_cartesian_2d(x, y)?;
         chart.configure_mesh().x_desc(&self.x).y_desc(&self.y).light_line_style(WHITE).draw()?;
         for (index, series) in self.series.iter().enumerate() {
             let color = Palette99::pick(index).to_rgba();
             let points = series.points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite());
-            let drawn = match series.mark {
+            match series.mark {
                 Mark::Line => chart.draw_series(LineSeries::new(points, color.stroke_width(2)))?,
                 Mark::Dots => chart.draw_series(points.map(|point| Circle::new(point, 3, color.filled())))?,
             };
-            drawn
-                .label(&series.name)
-                .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], color.stroke_width(3)));
+            let row = 60 + 22 * i32::try_from(index)?;
+            match series.mark {
+                Mark::Line => legend.draw(&PathElement::new([(0, row), (18, row)], color.stroke_width(3)))?,
+                Mark::Dots => legend.draw(&Circle::new((9, row), 4, color.filled()))?,
+            }
+            legend.draw(&Text::new(series.name.as_str(), (24, row - 7), ("sans-serif", 13)))?;
         }
-        chart.configure_series_labels().background_style(WHITE.mix(0.8)).border_style(BLACK.mix(0.4)).draw()?;
         area.present()?;
         Ok(())
     }

@@ -5,6 +5,7 @@ mod chart;
 pub(crate) mod feed_rate;
 pub(crate) mod figures;
 pub(crate) mod optimize;
+mod paper;
 pub(crate) mod tray_map;
 
 use anyhow::Result;

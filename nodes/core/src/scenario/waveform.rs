@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::gravity::STANDARD_GRAVITY_M_S2;
+use crate::range::OutOfRange;
 use crate::tray::{Surface, TrayGeometry};
 use crate::waveform::{Axis, OptimalDesign, Segment, Waveform, WaveformError};
 
@@ -70,7 +71,19 @@ impl WaveformSpec {
                     gravity_m_s2: STANDARD_GRAVITY_M_S2,
                     limit_m_s2: limit_rad_s2 * radius_m,
                 };
-                Waveform::optimal(Axis::Yaw, period_s, &design)?.scaled(1.0 / radius_m)
+                OutOfRange::unless_positive("radius_m", radius_m)?;
+                let waveform = Waveform::optimal(Axis::Yaw, period_s, &design);
+                // The design knows the acceleration at its radius; the scenario states the angular one.
+                let waveform = waveform.map_err(|error| match error {
+                    WaveformError::OutOfRange(error) if error.parameter == "limit_m_s2" => OutOfRange {
+                        parameter: "limit_rad_s2",
+                        value: limit_rad_s2,
+                        allowed: format!("times radius_m {}", error.allowed),
+                    }
+                    .into(),
+                    other => other,
+                })?;
+                waveform.scaled(1.0 / radius_m)
             }
             Self::Segments { ref segments } => Waveform::new(Axis::Yaw, segments.clone()),
         }

@@ -11,10 +11,12 @@ use feeder_core::mechanics::equations::{
 use feeder_core::mechanics::map::{SurfaceFeed, TrayMap};
 use feeder_core::waveform::{Axis, OptimalDesign, Waveform};
 
+use super::super::paper::{
+    self, LONG_PERIOD_S, MU, SHORT_PERIOD_S, fig6_waveform, fig8_waveform, fig15_waveform, mu_g,
+};
 use super::incline::{fig11_waveform, fig12_waveform, zero_feed_slope_deg};
 use super::motion::{FIG6_MEASURED_MM_S, FIG6_PRINTED_MM_S, FIG8_MEASURED_MM_S};
-use super::tray::paper_track;
-use super::{LONG_PERIOD_S, MU, SHORT_PERIOD_S, drive, feed_mm_s, fig6_waveform, fig8_waveform, fig15_waveform, mu_g};
+use super::{drive, feed_mm_s};
 
 /// What becomes of a claim.
 #[derive(Clone, Copy, Debug)]
@@ -192,7 +194,7 @@ fn fig12() -> Result<Claim> {
 }
 
 fn critical_radius() -> Result<Claim> {
-    let (track, waveform) = (paper_track()?, fig15_waveform()?);
+    let (track, waveform) = (paper::tray(MU)?, fig15_waveform()?);
     let map = TrayMap::new(&track, &waveform)?;
     let critical_m = map.critical_radius_m()?.context("the paper's tray has one")?;
     let tray = track.tray();
@@ -214,7 +216,7 @@ fn critical_radius() -> Result<Claim> {
 }
 
 fn fig15_speeds() -> Result<Claim> {
-    let (track, waveform) = (paper_track()?, fig15_waveform()?);
+    let (track, waveform) = (paper::tray(MU)?, fig15_waveform()?);
     let map = TrayMap::new(&track, &waveform)?;
     let mm_s = |feed: Option<SurfaceFeed>| feed.map_or(f64::NAN, |feed| feed.steady.feed_m_s * 1e3);
     let mut numbers = String::new();

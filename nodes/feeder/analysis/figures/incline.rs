@@ -5,7 +5,8 @@ use feeder_core::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_core::waveform::{Axis, Waveform};
 
 use super::super::chart::{Chart, Series};
-use super::{MU, SHORT_PERIOD_S, feed_mm_s};
+use super::super::paper::{MU, SHORT_PERIOD_S};
+use super::feed_mm_s;
 
 /// Frictions of the curves.
 const FRICTIONS: [f64; 5] = [0.1, 0.2, 0.3, 0.4, 0.5];

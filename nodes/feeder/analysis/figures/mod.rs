@@ -12,17 +12,10 @@ use clap::Args as ClapArgs;
 use feeder_core::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_core::mechanics::Friction;
 use feeder_core::mechanics::slope::{Drive, Track};
-use feeder_core::waveform::{Axis, Waveform};
+use feeder_core::waveform::Waveform;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::chart::Chart;
-
-/// Friction of the paper's simulations.
-const MU: f64 = 0.2;
-/// Period of Figs 11 to 15, s.
-const SHORT_PERIOD_S: f64 = 1.0 / 30.0;
-/// Period of the experiments in Figs 6 and 8, s.
-const LONG_PERIOD_S: f64 = 0.05;
 
 /// Draw Figs 4, 6, 7, 8, 11, 12, 13 and 15 of the paper as SVG and CSV, with its printed and measured values beside the
 /// model's, and write claims.md: claim by claim, reproduced, refuted or not decidable.
@@ -63,26 +56,6 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     bar.finish_and_clear();
     println!("{}", path.display());
     Ok(())
-}
-
-/// μ g for the paper's friction, m/s².
-fn mu_g() -> f64 {
-    MU * STANDARD_GRAVITY_M_S2
-}
-
-/// The waveform of the stick-slip experiment, Fig. 6.
-fn fig6_waveform() -> Result<Waveform> {
-    Ok(Waveform::stick_slip(Axis::X, LONG_PERIOD_S, 1.6, 10.1)?)
-}
-
-/// The waveform of the Coulomb pump experiment, Fig. 8.
-fn fig8_waveform() -> Result<Waveform> {
-    Ok(Waveform::coulomb_pump(Axis::X, LONG_PERIOD_S, 10.3, 0.37)?)
-}
-
-/// The waveform of the simulated tray, Fig. 15: 9.0 m and 66.7 m rad/s² with m = μ g as a number.
-fn fig15_waveform() -> Result<Waveform> {
-    Ok(Waveform::stick_slip(Axis::Yaw, SHORT_PERIOD_S, 9.0 * mu_g(), 66.7 * mu_g())?)
 }
 
 /// A waveform on a straight track.

@@ -5,7 +5,8 @@ use feeder_core::mechanics::slope::Drive;
 use feeder_core::waveform::Waveform;
 
 use super::super::chart::{Chart, Series};
-use super::{MU, drive, fig6_waveform, fig8_waveform};
+use super::super::paper::{MU, fig6_waveform, fig8_waveform};
+use super::drive;
 
 /// Speed printed for the simulation of Fig. 6 and measured in it, mm/s.
 pub(super) const FIG6_PRINTED_MM_S: f64 = 11.8;

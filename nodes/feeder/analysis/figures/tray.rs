@@ -3,23 +3,17 @@
 use std::f64::consts::TAU;
 
 use anyhow::Result;
-use feeder_core::gravity::STANDARD_GRAVITY_M_S2;
-use feeder_core::mechanics::Friction;
-use feeder_core::mechanics::annular::{AnnularTrack, PartState};
+use feeder_core::mechanics::annular::PartState;
 use feeder_core::mechanics::map::{RadiusFeed, SurfaceFeed, TrayMap};
 use feeder_core::tray::TrayGeometry;
 
 use super::super::chart::{Chart, Series};
-use super::{MU, SHORT_PERIOD_S, fig15_waveform};
+use super::super::paper::{self, MU, SHORT_PERIOD_S, fig15_waveform};
 
 /// Samples per period when parts are moved.
 const SAMPLES: u32 = 400;
 /// Time after which Fig. 15 shows the parts, s.
 const SHOWN_S: f64 = 5.0;
-
-pub(super) fn paper_track() -> Result<AnnularTrack> {
-    Ok(AnnularTrack::new(TrayGeometry::PAPER, Friction::uniform(MU)?, STANDARD_GRAVITY_M_S2)?)
-}
 
 /// Fig. 13: the running surface of the tray unrolled at three radii.
 pub(super) fn running_surface() -> Result<Chart> {
@@ -40,7 +34,7 @@ pub(super) fn running_surface() -> Result<Chart> {
 
 /// Fig. 15: speeds on ramp and plateau against the radius.
 pub(super) fn speed_against_radius() -> Result<Chart> {
-    let (track, waveform) = (paper_track()?, fig15_waveform()?);
+    let (track, waveform) = (paper::tray(MU)?, fig15_waveform()?);
     let map = TrayMap::new(&track, &waveform)?;
     let radii_m = (0..=120).map(|i| 0.03 + 0.06 * f64::from(i) / 120.0);
     let feeds = radii_m.map(|radius_m| Ok(map.at(radius_m)?)).collect::<Result<Vec<RadiusFeed>>>()?;
@@ -67,7 +61,7 @@ pub(super) fn speed_against_radius() -> Result<Chart> {
 
 /// Fig. 15: an array of parts at rest, and five seconds later.
 pub(super) fn parts_after_five_seconds() -> Result<Chart> {
-    let (track, waveform) = (paper_track()?, fig15_waveform()?);
+    let (track, waveform) = (paper::tray(MU)?, fig15_waveform()?);
     let samples = waveform.samples(SAMPLES);
     let start: Vec<PartState> = (3..=9)
         .flat_map(|r| (0..12).map(move |i| PartState::at_rest(f64::from(r) * 0.01, f64::from(i) * TAU / 12.0)))

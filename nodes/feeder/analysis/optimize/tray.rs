@@ -10,11 +10,12 @@ use feeder_core::mechanics::design::{
     DesignedTray, Flow, Loading, PartKind, Period, TrayGoal, flow_in_two_dimensions, lane_flow,
 };
 use feeder_core::tray::TrayGeometry;
-use feeder_core::waveform::{Axis, AxisLimits, Waveform};
+use feeder_core::waveform::AxisLimits;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::super::chart::{Chart, Series};
+use super::super::paper;
 use super::{FrictionRange, SearchArgs, create_folder, write_yaml};
 
 /// Steps of the progress bar for each design.
@@ -138,11 +139,8 @@ impl Args {
 
 /// The paper's tray and waveform with parts of the first kind.
 fn paper_flow(goal: &TrayGoal, mu: f64) -> Result<Flow> {
-    // 9.0 and 66.7 times m as a number, m = 0.2 g.
-    let waveform = Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 17.658, 130.8654)?;
-    let track = AnnularTrack::new(TrayGeometry::PAPER, Friction::uniform(mu)?, goal.gravity_m_s2)?;
-    let length_m = goal.kinds.first().context("--part-length needs at least one length")?.length_m;
-    lane_flow(&track, &waveform, length_m, Loading::Queued, 1.0)?
+    let kind = goal.kinds.first().context("--part-length needs at least one length")?;
+    lane_flow(&paper::tray(mu)?, &paper::fig15_waveform()?, kind.length_m, Loading::Queued, 1.0)?
         .context("parts of this friction and length do not climb the paper's tray")
 }
 

@@ -9,6 +9,7 @@ mod search;
 mod shape;
 mod singulation;
 mod tray;
+mod tray_search;
 mod waveform;
 
 pub use confirm::flow_in_two_dimensions;
