@@ -12,7 +12,7 @@ const BUNDLE_BYTES_MAX: usize = 48 * 1024;
 /// What an entry takes beside its payload, in CDR with padding.
 const ENTRY_BYTES: usize = 32;
 /// A node that never blocks still sends this often, so that those who wait for it can go on.
-const BUNDLE_TICKS_MAX: u64 = 4;
+const BUNDLE_TICKS_MAX: u64 = 8;
 
 /// Why a loop cannot go on.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]

@@ -27,7 +27,7 @@ const START_LIMIT: Duration = Duration::from_secs(60);
 /// A node that fails waits this long for the clock to take note.
 const LAST_WORD_LIMIT: Duration = Duration::from_secs(1);
 /// Steps between looks at the inbox while a node runs ahead.
-const STEPS_PER_LOOK: usize = 4;
+const STEPS_PER_LOOK: usize = 8;
 
 /// What arrives at a node of the loop.
 #[derive(Debug)]
