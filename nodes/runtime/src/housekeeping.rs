@@ -9,6 +9,7 @@ use tracing_subscriber::EnvFilter;
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
+use crate::args::LogLevel;
 use crate::clock::Clock;
 use crate::dds::{DdsError, Participant};
 use crate::node::NodeError;
@@ -16,14 +17,20 @@ use crate::parameters::{Declaration, ParameterServer, Store, Value};
 use crate::rosout::{Rosout, RosoutLayer};
 
 /// What the DDS library reports as errors are mostly peers that come and go.
-const DEFAULT_FILTER: &str = "info,rustdds=off,ros2_client=off,mio=off";
+const DDS_FILTER: &str = "rustdds=off,ros2_client=off,mio=off";
 
 static ROSOUT: OnceLock<RosoutLayer> = OnceLock::new();
 
-/// Sends log messages to standard error, and those of nodes to `/rosout`. `RUST_LOG` chooses others than the default
-/// ones. To be called once, by `main`.
-pub fn start_logging() {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(DEFAULT_FILTER));
+/// Sends log messages to standard error, and those of nodes to `/rosout`: those that `RUST_LOG` chooses, else those of
+/// `level` and graver, from info where none is given. To be called once, by `main`.
+pub fn start_logging(level: Option<LogLevel>) {
+    let level = match level {
+        Some(LogLevel::Debug) => "debug",
+        None | Some(LogLevel::Info) => "info",
+        Some(LogLevel::Warn) => "warn",
+        Some(LogLevel::Error | LogLevel::Fatal) => "error",
+    };
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(format!("{level},{DDS_FILTER}")));
     let terminal = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_target(false);
     let rosout = ROSOUT.get_or_init(RosoutLayer::new).clone();
     tracing_subscriber::registry().with(filter).with(terminal).with(rosout).init();

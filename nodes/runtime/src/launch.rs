@@ -6,12 +6,13 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
+use crate::args::{NameKind, RosArgs};
 use crate::clock::Clock;
 use crate::dds::{Domain, NodeName, Participant};
 use crate::digest::Digest;
 use crate::housekeeping::{Housekeeping, parameters_of};
 use crate::lockstep::{DdsLinks, Hub, Links, LoopContract, RunError, Runner};
-use crate::node::{Declare, FeederNode, Interface, NodeError, stamp_of_ns};
+use crate::node::{Declare, FeederNode, Interface, NodeError, PortKind, stamp_of_ns};
 use crate::public::PublicSide;
 use crate::wall_clock;
 
@@ -107,14 +108,41 @@ pub fn run_real<N: FeederNode>(
     config: &N::Config,
     stop: &AtomicBool,
 ) -> Result<(), RunError> {
-    let mut declare = Declare::new(namespace);
+    run_remapped::<N>(domain, namespace, &RosArgs::default(), config, stop)
+}
+
+/// As [`run_real`], under the names that ROS arguments give the node, its topics and its services.
+///
+/// # Errors
+/// As [`run_real`], and when parameters are given: they are read-only, the configuration holds them.
+pub(crate) fn run_remapped<N: FeederNode>(
+    domain: &Domain,
+    namespace: &str,
+    ros: &RosArgs,
+    config: &N::Config,
+    stop: &AtomicBool,
+) -> Result<(), RunError> {
+    let name = ros.node_name(&NodeName::new(namespace, N::NAME)?)?;
+    if let Some(parameter) = ros.parameters(&name).keys().next() {
+        let reason = format!("parameter {parameter} is read-only: change it in the scenario and give that as --config");
+        return Err(RunError::Node(NodeError::new(reason)));
+    }
+    let mut declare = Declare::new(name.namespace());
     let ports = N::declare(&mut declare, config);
+    let mut interface = declare.finish();
+    for port in &mut interface.ports {
+        let kind = match port.kind {
+            PortKind::Publish | PortKind::Subscribe(_) => NameKind::Topic,
+            PortKind::Serve | PortKind::Call(_) => NameKind::Service,
+        };
+        port.name = ros.resolve(&name, &port.name, kind)?;
+    }
     let node = N::open(ports, config).map_err(RunError::Node)?;
-    let participant = Participant::open(domain, &NodeName::new(namespace, N::NAME)?)?;
+    let participant = Participant::open(domain, &name)?;
     let parameters = parameters_of(config, false).map_err(RunError::Node)?;
     let clock: Clock = Arc::new(crate::clock::wall_clock);
     let _housekeeping = Housekeeping::open(&participant, parameters, &clock)?;
-    wall_clock::run(&participant, node, &declare.finish(), N::tick(config), stop)
+    wall_clock::run(&participant, node, &interface, N::tick(config), stop)
 }
 
 /// Reads a configuration: the file's, or the built-in one.

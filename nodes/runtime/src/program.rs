@@ -8,9 +8,10 @@ use std::sync::atomic::AtomicBool;
 
 use clap::Parser;
 
+use crate::args::RosArgs;
 use crate::dds::Domain;
 use crate::housekeeping::start_logging;
-use crate::launch::{Seat, read_config, run_in_loop, run_real};
+use crate::launch::{Seat, read_config, run_in_loop, run_remapped};
 use crate::lockstep::{LoopContract, RunError};
 use crate::node::{FeederNode, NodeError};
 
@@ -41,8 +42,16 @@ pub fn main<N: FeederNode>() -> ExitCode {
 /// Runs node `N` with these arguments, the program's name left out.
 #[must_use]
 pub fn main_with<N: FeederNode>(arguments: Vec<OsString>) -> ExitCode {
-    let program = std::iter::once(OsString::from(N::NAME));
-    let options = match Options::try_parse_from(program.chain(arguments)) {
+    let words = arguments.into_iter().map(|argument| argument.to_string_lossy().into_owned());
+    let ros = match RosArgs::parse(words) {
+        Ok(ros) => ros,
+        Err(error) => {
+            eprintln!("error: {error}");
+            return ExitCode::FAILURE;
+        }
+    };
+    let program = std::iter::once(N::NAME.to_owned());
+    let options = match Options::try_parse_from(program.chain(ros.rest.iter().cloned())) {
         Ok(options) => options,
         Err(error) => {
             // Nothing is left to do when even the usage message cannot be shown.
@@ -50,8 +59,8 @@ pub fn main_with<N: FeederNode>(arguments: Vec<OsString>) -> ExitCode {
             return if error.use_stderr() { ExitCode::FAILURE } else { ExitCode::SUCCESS };
         }
     };
-    start_logging();
-    match run::<N>(options) {
+    start_logging(ros.log_level);
+    match run::<N>(options, &ros) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             tracing::error!("{}: {error}", N::NAME);
@@ -60,7 +69,7 @@ pub fn main_with<N: FeederNode>(arguments: Vec<OsString>) -> ExitCode {
     }
 }
 
-fn run<N: FeederNode>(options: Options) -> Result<(), RunError> {
+fn run<N: FeederNode>(options: Options, ros: &RosArgs) -> Result<(), RunError> {
     let config = read_config::<N>(options.config.as_deref()).map_err(RunError::Node)?;
     let namespace = match options.namespace {
         Some(namespace) => namespace,
@@ -76,7 +85,7 @@ fn run<N: FeederNode>(options: Options) -> Result<(), RunError> {
     }
     let domain = Domain::from_env()?;
     let Some(contract) = options.contract else {
-        return run_real::<N>(&domain, &namespace, &config, &stop);
+        return run_remapped::<N>(&domain, &namespace, ros, &config, &stop);
     };
     let seat = Seat {
         contract: Arc::new(read_contract(&contract).map_err(RunError::Node)?),

@@ -2,7 +2,6 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-mod actions;
 mod common;
 mod lockstep;
 mod parameters;
