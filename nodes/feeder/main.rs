@@ -50,7 +50,7 @@ struct NodeArgs {
 fn main() -> ExitCode {
     let outcome = match Cli::parse().command.unwrap_or_else(|| Command::Up(up::UpArgs::default())) {
         Command::Up(args) => {
-            feeder_runtime::start_logging(None);
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
             up::run(&args)
         }
         Command::Check(args) => scenario_file::check(&args),

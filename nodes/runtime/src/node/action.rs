@@ -244,7 +244,7 @@ pub enum ClientEvent<A: Action> {
     Rejected(GoalId),
     /// How far it is.
     Feedback(GoalId, A::Feedback),
-    /// How it ended; `None` when the server does not know it.
+    /// How it ended; `None` when the server does not know it, or did not answer.
     Finished(GoalId, Option<GoalEnd>, A::Result),
 }
 
@@ -302,6 +302,10 @@ impl<A: Action> ActionClient<A> {
             events.push(ClientEvent::Finished(id, end, result));
         }
         io.replies(&self.ports.cancel);
+        let (unsent, unasked) = (io.unanswered(&self.ports.send_goal), io.unanswered(&self.ports.get_result));
+        let lost = unsent.into_iter().filter_map(|call| self.sent.remove(&call));
+        let lost = lost.chain(unasked.into_iter().filter_map(|call| self.asked.remove(&call)));
+        events.extend(lost.map(|id| ClientEvent::Finished(id, None, A::Result::default())));
         events
     }
 }
