@@ -2,6 +2,7 @@
 
 mod analysis;
 mod crew;
+mod graph_check;
 mod plan_move;
 mod scenario_file;
 mod summary;
@@ -29,6 +30,7 @@ enum Command {
     Check(scenario_file::CheckArgs),
     Node(NodeArgs),
     Teach(teach::TeachArgs),
+    GraphCheck(graph_check::Args),
     PlanMove(plan_move::Args),
     FeedRate(analysis::feed_rate::Args),
     TrayMap(analysis::tray_map::Args),
@@ -55,6 +57,7 @@ fn main() -> ExitCode {
         }
         Command::Check(args) => scenario_file::check(&args),
         Command::Node(args) => return node(args),
+        Command::GraphCheck(args) => graph_check::run(&args),
         Command::Teach(args) => teach::run(&args),
         Command::PlanMove(args) => plan_move::run(&args),
         Command::FeedRate(args) => analysis::feed_rate::run(&args),

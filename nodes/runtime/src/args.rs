@@ -124,7 +124,7 @@ impl RosArgs {
         Self::parse_with(arguments, |path| fs::read_to_string(path))
     }
 
-    fn parse_with(
+    pub(crate) fn parse_with(
         arguments: impl IntoIterator<Item = String>,
         read: impl Fn(&Path) -> io::Result<String>,
     ) -> Result<Self, ArgsError> {

@@ -56,8 +56,10 @@ pub use tally::Loss;
 pub use writer::Writer;
 
 pub(crate) use executor::Task as BackgroundTask;
+pub(crate) use graph::fuzz_announcement;
 pub(crate) use names::check_absolute;
 pub(crate) use tally::Counter;
+pub(crate) use wire::fuzz as fuzz_wire;
 pub(crate) use writer::Outlet;
 
 /// The largest body in bytes that leaves in one datagram over the loopback interface

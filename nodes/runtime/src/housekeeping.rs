@@ -124,10 +124,8 @@ fn report(participant: &Participant, diagnostics: &Writer, clock: Clock) -> impl
 
 /// How communication fares: a warning while losses are fresh, and all counts.
 fn communication(node: &str, losses: &[Loss], fresh: bool) -> DiagnosticStatus {
-    let key_value = |loss: &Loss| KeyValue {
-        key: format!("{}: {}", loss.endpoint, loss.what),
-        value: loss.count.to_string(),
-    };
+    let key_value =
+        |loss: &Loss| KeyValue { key: format!("{}: {}", loss.endpoint, loss.what), value: loss.count.to_string() };
     let (level, message) = match (losses.is_empty(), fresh) {
         (true, _) => (DiagnosticStatus::OK, "nothing lost or refused"),
         (false, false) => (DiagnosticStatus::OK, "nothing more lost or refused"),

@@ -9,9 +9,9 @@ use std::time::Duration;
 
 use crate::args::{NameKind, RosArgs};
 use crate::clock::Clock;
+use crate::configuration::Configuration;
 use crate::dds::{Domain, NodeName, Participant};
 use crate::digest::Digest;
-use crate::configuration::Configuration;
 use crate::housekeeping::{Housekeeping, USE_SIM_TIME, own_parameters, reconfiguring};
 use crate::lockstep::{DdsLinks, Hub, Links, LoopContract, RunError, Runner};
 use crate::node::{Declare, FeederNode, Interface, NodeError, PortKind, stamp_of_ns};
@@ -146,9 +146,7 @@ pub fn run_remapped<N: FeederNode>(
     let node = N::open(ports, &config).map_err(RunError::Node)?;
     let participant = Participant::open(domain, &name)?;
     let time = match configuration.store.get(USE_SIM_TIME) {
-        Some(Value::Bool(true)) => {
-            Time::simulated(&participant, &ros.resolve(&name, "/clock", NameKind::Topic)?)?
-        }
+        Some(Value::Bool(true)) => Time::simulated(&participant, &ros.resolve(&name, "/clock", NameKind::Topic)?)?,
         _ => Time::Wall,
     };
     let (accept, reconfigured) = reconfiguring(&configuration);

@@ -10,6 +10,8 @@ pub mod clock;
 mod configuration;
 pub mod dds;
 pub mod digest;
+#[doc(hidden)]
+pub mod fuzzing;
 mod housekeeping;
 pub mod launch;
 pub mod lockstep;

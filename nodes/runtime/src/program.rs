@@ -83,11 +83,7 @@ fn run<N: FeederNode>(options: Options, ros: &RosArgs) -> Result<(), RunError> {
         let name = NodeName::new(namespace, N::NAME).and_then(|name| ros.node_name(&name)).ok()?;
         ros.log_level_of(&name)
     });
-    start_logging(LogSettings {
-        level: level.or(ros.log_level),
-        no_stdout: ros.no_stdout,
-        no_rosout: ros.no_rosout,
-    });
+    start_logging(LogSettings { level: level.or(ros.log_level), no_stdout: ros.no_stdout, no_rosout: ros.no_rosout });
     let (config, namespace) = named.map_err(RunError::Node)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
@@ -99,7 +95,8 @@ fn run<N: FeederNode>(options: Options, ros: &RosArgs) -> Result<(), RunError> {
         return run_remapped::<N>(&domain, &namespace, ros, &config, &stop);
     };
     if ros.changes_anything() {
-        let reason = "in a run of feeder up names and parameters are the scenario's: no --remap, --param, --params-file";
+        let reason =
+            "in a run of feeder up names and parameters are the scenario's: no --remap, --param, --params-file";
         return Err(RunError::Node(NodeError::new(reason)));
     }
     let seat = Seat {

@@ -105,7 +105,8 @@ mod tests {
     #[test]
     fn what_is_derived_has_no_source_of_its_own() {
         let (description, sources) = asked(&Pick::INFO, true);
-        let referenced: Vec<_> = description.referenced_type_descriptions.iter().map(|known| &known.type_name).collect();
+        let referenced: Vec<_> =
+            description.referenced_type_descriptions.iter().map(|known| &known.type_name).collect();
         assert!(referenced.iter().any(|name| *name == "minifactory_msgs/srv/Pick_Event"), "{referenced:?}");
         assert_eq!(sources[0].encoding, "srv");
         assert!(sources[0].raw_file_contents.contains("---\n"));

@@ -163,12 +163,7 @@ pub(super) async fn drain_into(raw: RawReader, deliver: impl FnMut(Sample) + Sen
 }
 
 /// Hands every sample over as it comes.
-async fn drain(
-    raw: Arc<RawReader>,
-    topic: Arc<str>,
-    losses: Losses,
-    mut deliver: impl FnMut(Sample) + Send + 'static,
-) {
+async fn drain(raw: Arc<RawReader>, topic: Arc<str>, losses: Losses, mut deliver: impl FnMut(Sample) + Send + 'static) {
     let samples = raw.as_async_stream();
     pin_mut!(samples);
     let mut numbers = Numbers::default();

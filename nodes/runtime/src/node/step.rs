@@ -42,11 +42,24 @@ pub struct CallId(pub(crate) u64);
 /// What has arrived at a port and was not taken yet.
 #[derive(Debug)]
 pub(crate) enum Arrival {
-    Message { payload: Bytes, little_endian: bool },
-    Request { payload: Bytes, little_endian: bool, asker: Asker },
-    Reply { payload: Bytes, little_endian: bool, call: CallId },
+    Message {
+        payload: Bytes,
+        little_endian: bool,
+    },
+    Request {
+        payload: Bytes,
+        little_endian: bool,
+        asker: Asker,
+    },
+    Reply {
+        payload: Bytes,
+        little_endian: bool,
+        call: CallId,
+    },
     /// No reply will come to this call.
-    NoReply { call: CallId },
+    NoReply {
+        call: CallId,
+    },
 }
 
 /// What a step wants sent.
