@@ -6,6 +6,7 @@ mod analysis;
 mod common;
 mod cyclone;
 mod faults;
+mod graph;
 mod interop;
 mod parameters;
 mod peers;

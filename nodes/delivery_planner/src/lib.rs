@@ -155,6 +155,7 @@ impl DeliveryPlanner {
             let (goal, result) = match event {
                 ClientEvent::Accepted(_) | ClientEvent::Feedback(..) => continue,
                 ClientEvent::Rejected(goal) => (goal, Err("the courier driver refused the trajectory".to_owned())),
+                ClientEvent::Lost(goal) => (goal, Err("the courier driver did not answer".to_owned())),
                 ClientEvent::Finished(goal, Some(GoalEnd::Succeeded), _) => (goal, Ok(())),
                 ClientEvent::Finished(goal, _, FollowJointTrajectoryResult { error_string, .. }) => {
                     (goal, Err(error_string))

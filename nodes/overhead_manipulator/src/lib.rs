@@ -128,6 +128,7 @@ impl OverheadManipulator {
         for event in self.deliver.poll(io) {
             match event {
                 ClientEvent::Accepted(_) => events.push(Event::Accepted),
+                ClientEvent::Lost(_) => events.push(Event::NoPart("the feeder did not answer".to_owned())),
                 ClientEvent::Rejected(_) => events.push(Event::NoPart("the feeder refused the request".to_owned())),
                 ClientEvent::Feedback(id, feedback) => {
                     if Some(id) == self.goal && feedback.phase == DeliveryState::PRESENTED && !self.presented {

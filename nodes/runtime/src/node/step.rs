@@ -178,7 +178,7 @@ impl StepIo {
             .into_iter()
             .filter_map(|arrival| match arrival {
                 Arrival::Message { payload, little_endian } => self.decode(&payload, little_endian),
-                _ => None,
+                Arrival::Request { .. } | Arrival::Reply { .. } | Arrival::NoReply { .. } => None,
             })
             .collect()
     }
@@ -203,7 +203,7 @@ impl StepIo {
                         None
                     }
                 },
-                _ => None,
+                Arrival::Message { .. } | Arrival::Reply { .. } | Arrival::NoReply { .. } => None,
             })
             .collect()
     }
@@ -227,33 +227,22 @@ impl StepIo {
 
     /// Takes the replies that arrived for this tick.
     pub fn replies<S: Service>(&mut self, client: &Client<S>) -> Vec<(CallId, S::Response)> {
-        self.take_those(client.port, |arrival| matches!(arrival, Arrival::Reply { .. }))
+        let answers = self.answers(client);
+        answers.into_iter().filter_map(|(call, response)| Some((call, response?))).collect()
+    }
+
+    /// Takes the ends of calls for this tick: the reply, or nothing for a call that got none that can be read. In a
+    /// simulated run every call gets its reply.
+    pub fn answers<S: Service>(&mut self, client: &Client<S>) -> Vec<(CallId, Option<S::Response>)> {
+        let arrivals: Vec<Arrival> = self.arrivals[client.port].drain(..).collect();
+        arrivals
             .into_iter()
             .filter_map(|arrival| match arrival {
-                Arrival::Reply { payload, little_endian, call } => match self.decode(&payload, little_endian) {
-                    Some(response) => Some((call, response)),
-                    None => {
-                        self.arrivals[client.port].push_back(Arrival::NoReply { call });
-                        None
-                    }
-                },
-                _ => None,
+                Arrival::Reply { payload, little_endian, call } => Some((call, self.decode(&payload, little_endian))),
+                Arrival::NoReply { call } => Some((call, None)),
+                Arrival::Message { .. } | Arrival::Request { .. } => None,
             })
             .collect()
-    }
-
-    /// Takes the calls to which no reply will come: no server was found in time, or its reply was lost or makes no
-    /// sense. Whether the server has acted on such a request is not known. Between nodes of a loop there are none.
-    pub fn unanswered<S: Service>(&mut self, client: &Client<S>) -> Vec<CallId> {
-        let unanswered = self.take_those(client.port, |arrival| matches!(arrival, Arrival::NoReply { .. }));
-        let call = |arrival| if let Arrival::NoReply { call } = arrival { Some(call) } else { None };
-        unanswered.into_iter().filter_map(call).collect()
-    }
-
-    fn take_those(&mut self, port: usize, wanted: impl Fn(&Arrival) -> bool) -> Vec<Arrival> {
-        let (taken, left): (Vec<_>, Vec<_>) = self.arrivals[port].drain(..).partition(wanted);
-        self.arrivals[port].extend(left);
-        taken
     }
 
     /// Declares the goal of the run reached; the run ends a fixed number of ticks later.
