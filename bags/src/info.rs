@@ -12,7 +12,10 @@ pub struct Info<'a>(pub &'a Bag);
 impl fmt::Display for Info<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let bag = self.0;
-        let mut row = |name: &str, value: &dyn fmt::Display| writeln!(f, "{:<19}{value}", format!("{name}:"));
+        let mut row = |name: &str, value: &dyn fmt::Display| {
+            let name = if name.is_empty() { String::new() } else { format!("{name}:") };
+            writeln!(f, "{name:<19}{value}")
+        };
         let mut name = "Files";
         for file in bag.files() {
             row(name, &file.path().file_name().unwrap_or_default().to_string_lossy())?;
