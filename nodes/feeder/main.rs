@@ -1,9 +1,11 @@
 //! The `feeder` command: each subcommand lives in a module of its own, this file only names them.
 
 mod analysis;
+mod compare;
 mod crew;
 mod plan_move;
 mod scenario_file;
+mod slip_study;
 mod summary;
 mod table;
 mod teach;
@@ -30,6 +32,8 @@ enum Command {
     Node(NodeArgs),
     Teach(teach::TeachArgs),
     PlanMove(plan_move::Args),
+    SlipStudy(slip_study::Args),
+    ComparePlanners(compare::Args),
     FeedRate(analysis::feed_rate::Args),
     TrayMap(analysis::tray_map::Args),
     Figures(analysis::figures::Args),
@@ -57,6 +61,11 @@ fn main() -> ExitCode {
         Command::Node(args) => return node(args),
         Command::Teach(args) => teach::run(&args),
         Command::PlanMove(args) => plan_move::run(&args),
+        Command::SlipStudy(args) => slip_study::run(&args),
+        Command::ComparePlanners(args) => {
+            feeder_runtime::start_logging(None);
+            compare::run(&args)
+        }
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),
         Command::Figures(args) => analysis::figures::run(&args),
