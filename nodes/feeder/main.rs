@@ -2,10 +2,12 @@
 
 mod analysis;
 mod bag;
+mod compare;
 mod crew;
 mod plan_move;
 mod recording;
 mod scenario_file;
+mod slip_study;
 mod summary;
 mod table;
 mod teach;
@@ -33,6 +35,8 @@ enum Command {
     Bag(bag::BagArgs),
     Teach(teach::TeachArgs),
     PlanMove(plan_move::Args),
+    SlipStudy(slip_study::Args),
+    ComparePlanners(compare::Args),
     FeedRate(analysis::feed_rate::Args),
     TrayMap(analysis::tray_map::Args),
     Figures(analysis::figures::Args),
@@ -64,6 +68,11 @@ fn main() -> ExitCode {
         }
         Command::Teach(args) => teach::run(&args),
         Command::PlanMove(args) => plan_move::run(&args),
+        Command::SlipStudy(args) => slip_study::run(&args),
+        Command::ComparePlanners(args) => {
+            feeder_runtime::start_logging(None);
+            compare::run(&args)
+        }
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),
         Command::Figures(args) => analysis::figures::run(&args),

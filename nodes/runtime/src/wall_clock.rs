@@ -153,17 +153,20 @@ impl<N: FeederNode> WallRunner<N> {
         Ok(())
     }
 
-    /// The reply arrives with a later step; a call that gets none is logged.
+    /// The reply arrives with a later step, or that there is none, which is logged too.
     fn call(&self, port: usize, call: CallId, payload: Bytes) {
         let Some(client) = &self.clients[port] else { return };
         let limit = if client.name().ends_with("/_action/get_result") { RESULT_LIMIT } else { REPLY_LIMIT };
         let sender = self.sender.clone();
-        client.call_with(payload, limit, move |outcome| match outcome {
-            Ok(reply) => {
-                let arrival = Arrival::Reply { payload: reply.payload, little_endian: reply.little_endian, call };
-                let _ = sender.send(Incoming::Outside(port, arrival));
-            }
-            Err(error) => tracing::warn!("{error}"),
+        client.call_with(payload, limit, move |outcome| {
+            let arrival = match outcome {
+                Ok(reply) => Arrival::Reply { payload: reply.payload, little_endian: reply.little_endian, call },
+                Err(error) => {
+                    tracing::warn!("{error}");
+                    Arrival::NoReply { call }
+                }
+            };
+            let _ = sender.send(Incoming::Outside(port, arrival));
         });
     }
 }

@@ -30,9 +30,24 @@ pub struct CallId(pub(crate) u64);
 /// What has arrived at a port and was not taken yet.
 #[derive(Debug)]
 pub(crate) enum Arrival {
-    Message { payload: Bytes, little_endian: bool },
-    Request { payload: Bytes, little_endian: bool, asker: Asker },
-    Reply { payload: Bytes, little_endian: bool, call: CallId },
+    Message {
+        payload: Bytes,
+        little_endian: bool,
+    },
+    Request {
+        payload: Bytes,
+        little_endian: bool,
+        asker: Asker,
+    },
+    Reply {
+        payload: Bytes,
+        little_endian: bool,
+        call: CallId,
+    },
+    /// No reply came in time.
+    NoReply {
+        call: CallId,
+    },
 }
 
 /// What a step wants sent.
@@ -146,7 +161,7 @@ impl StepIo {
             .into_iter()
             .filter_map(|arrival| match arrival {
                 Arrival::Message { payload, little_endian } => self.decode(&payload, little_endian),
-                Arrival::Request { .. } | Arrival::Reply { .. } => None,
+                Arrival::Request { .. } | Arrival::Reply { .. } | Arrival::NoReply { .. } => None,
             })
             .collect()
     }
@@ -167,7 +182,7 @@ impl StepIo {
                 Arrival::Request { payload, little_endian, asker } => {
                     self.decode(&payload, little_endian).map(|request| (asker, request))
                 }
-                Arrival::Message { .. } | Arrival::Reply { .. } => None,
+                Arrival::Message { .. } | Arrival::Reply { .. } | Arrival::NoReply { .. } => None,
             })
             .collect()
     }
@@ -191,13 +206,19 @@ impl StepIo {
 
     /// Takes the replies that arrived for this tick.
     pub fn replies<S: Service>(&mut self, client: &Client<S>) -> Vec<(CallId, S::Response)> {
+        let answers = self.answers(client);
+        answers.into_iter().filter_map(|(call, response)| Some((call, response?))).collect()
+    }
+
+    /// Takes the ends of calls for this tick: the reply, or nothing for a call that got none that can be read. In a
+    /// simulated run every call gets its reply.
+    pub fn answers<S: Service>(&mut self, client: &Client<S>) -> Vec<(CallId, Option<S::Response>)> {
         let arrivals: Vec<Arrival> = self.arrivals[client.port].drain(..).collect();
         arrivals
             .into_iter()
             .filter_map(|arrival| match arrival {
-                Arrival::Reply { payload, little_endian, call } => {
-                    self.decode(&payload, little_endian).map(|response| (call, response))
-                }
+                Arrival::Reply { payload, little_endian, call } => Some((call, self.decode(&payload, little_endian))),
+                Arrival::NoReply { call } => Some((call, None)),
                 Arrival::Message { .. } | Arrival::Request { .. } => None,
             })
             .collect()
