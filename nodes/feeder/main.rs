@@ -1,10 +1,14 @@
 //! The `feeder` command: each subcommand lives in a module of its own, this file only names them.
 
 mod analysis;
+mod bag;
+mod compare;
 mod crew;
 mod graph_check;
 mod plan_move;
+mod recording;
 mod scenario_file;
+mod slip_study;
 mod summary;
 mod table;
 mod teach;
@@ -29,9 +33,12 @@ enum Command {
     Up(up::UpArgs),
     Check(scenario_file::CheckArgs),
     Node(NodeArgs),
+    Bag(bag::BagArgs),
     Teach(teach::TeachArgs),
     GraphCheck(graph_check::Args),
     PlanMove(plan_move::Args),
+    SlipStudy(slip_study::Args),
+    ComparePlanners(compare::Args),
     FeedRate(analysis::feed_rate::Args),
     TrayMap(analysis::tray_map::Args),
     Figures(analysis::figures::Args),
@@ -57,9 +64,18 @@ fn main() -> ExitCode {
         }
         Command::Check(args) => scenario_file::check(&args),
         Command::Node(args) => return node(args),
+        Command::Bag(args) => {
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
+            return bag::run(&args);
+        }
         Command::GraphCheck(args) => graph_check::run(&args),
         Command::Teach(args) => teach::run(&args),
         Command::PlanMove(args) => plan_move::run(&args),
+        Command::SlipStudy(args) => slip_study::run(&args),
+        Command::ComparePlanners(args) => {
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
+            compare::run(&args)
+        }
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),
         Command::Figures(args) => analysis::figures::run(&args),

@@ -1,9 +1,22 @@
 //! The nodes this executable can be.
 
+use std::sync::Arc;
+
 use feeder_core::scenario::Scenario;
-use feeder_runtime::launch::{Seat, interface, run_in_loop};
-use feeder_runtime::lockstep::RunError;
-use feeder_runtime::node::{FeederNode, Interface};
+use feeder_runtime::launch::{Recorded, Seat, full_name, interface, replay, run_in_loop};
+use feeder_runtime::lockstep::{LoopContract, RunError};
+use feeder_runtime::node::{FeederNode, Interface, NodeError};
+
+/// Runs a node of a run in a namespace alone for so many ticks: what it hears, which topics are wanted, and where they go.
+pub(crate) type Replay = fn(
+    &LoopContract,
+    &str,
+    &Scenario,
+    u64,
+    &mut dyn Iterator<Item = Recorded>,
+    &dyn Fn(&str) -> bool,
+    &mut dyn FnMut(Recorded),
+) -> Result<(), NodeError>;
 
 /// A kind of node, with its generics bound.
 pub(crate) struct NodeEntry {
@@ -15,6 +28,8 @@ pub(crate) struct NodeEntry {
     pub(crate) interface: fn(&str, &Scenario) -> Interface,
     /// Runs it in a loop.
     pub(crate) run: fn(&Seat, &Scenario) -> Result<(), RunError>,
+    /// Runs it alone on what a run recorded.
+    pub(crate) replay: Replay,
     /// Runs its own command line, without the program's name.
     pub(crate) main: fn(Vec<std::ffi::OsString>) -> std::process::ExitCode,
 }
@@ -25,8 +40,38 @@ const fn entry<N: FeederNode<Config = Scenario>>() -> NodeEntry {
         namespaces: N::namespaces,
         interface: interface::<N>,
         run: run_in_loop::<N>,
+        replay: replay::<N>,
         main: feeder_runtime::main_with::<N>,
     }
+}
+
+/// A node of a run: what it is, where it lives, and the scenario as the feeder it belongs to sees it.
+pub(crate) struct Placed {
+    pub(crate) entry: &'static NodeEntry,
+    pub(crate) namespace: String,
+    pub(crate) scenario: Arc<Scenario>,
+}
+
+impl Placed {
+    pub(crate) fn full_name(&self) -> String {
+        full_name(&self.namespace, self.entry.name)
+    }
+}
+
+/// All nodes that a scenario asks for. What belongs to no feeder alone goes with the first.
+pub(crate) fn placed(scenario: &Scenario) -> Vec<Placed> {
+    let feeders: Vec<Arc<Scenario>> = scenario.of_each_feeder().into_iter().map(Arc::new).collect();
+    let mut placed: Vec<Placed> = Vec::new();
+    for entry in NODES {
+        for scenario in &feeders {
+            for namespace in (entry.namespaces)(scenario) {
+                if !placed.iter().any(|other| other.entry.name == entry.name && other.namespace == namespace) {
+                    placed.push(Placed { entry, namespace, scenario: Arc::clone(scenario) });
+                }
+            }
+        }
+    }
+    placed
 }
 
 /// Every node a scenario runs, in the order in which they are listed and started.
@@ -37,4 +82,5 @@ pub(crate) const NODES: &[NodeEntry] = &[
     entry::<vision_selector::VisionSelector>(),
     entry::<delivery_planner::DeliveryPlanner>(),
     entry::<overhead_manipulator::OverheadManipulator>(),
+    entry::<platen_arbiter::PlatenArbiter>(),
 ];

@@ -242,7 +242,7 @@ def actions(script):
         script.expect("send_goal", number, mask=accepted, accepted=True)
 
     def finished(number, status, station):
-        ended = make(f"{DELIVER}_Result", success=status == 4, reason=station)
+        ended = make(f"{DELIVER}_Result", outcome=0 if status == 4 else 1, reason=station)
         script.expect("get_result", number, status=status, result=ended)
 
     print('# ros2 action send_goal --feedback /test/deliver minifactory_msgs/action/DeliverPart "{station: station_1, ...}"')

@@ -57,7 +57,11 @@ impl Diagnostics {
 }
 
 fn report(delivery_id: &str) -> ReportHandoverRequest {
-    ReportHandoverRequest { delivery_id: delivery_id.to_owned(), taken: true, message: String::new() }
+    ReportHandoverRequest {
+        delivery_id: delivery_id.to_owned(),
+        report: ReportHandoverRequest::TAKEN,
+        message: String::new(),
+    }
 }
 
 /// Somebody whose good requests must be answered as ever.

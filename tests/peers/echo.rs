@@ -88,7 +88,10 @@ impl FeederNode for Echo {
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         for (asker, request) in io.requests(&self.report) {
-            let response = ReportHandoverResponse { accepted: request.taken, message: request.delivery_id };
+            let response = ReportHandoverResponse {
+                accepted: request.report == ReportHandoverRequest::TAKEN,
+                message: request.delivery_id,
+            };
             io.reply(&self.report, asker, &response);
         }
         for event in self.deliver.poll(io) {
@@ -128,8 +131,9 @@ impl Echo {
         let (ended, going_on) = std::mem::take(&mut self.running).into_iter().partition(|running| ends(running));
         self.running = going_on;
         for Running { id, station, .. } in ended {
-            let success = end == GoalEnd::Succeeded;
-            let result = DeliverPartResult { success, reason: station, ..DeliverPartResult::default() };
+            let succeeded = end == GoalEnd::Succeeded;
+            let outcome = if succeeded { DeliverPartResult::DELIVERED } else { DeliverPartResult::CANCELLED };
+            let result = DeliverPartResult { outcome, reason: station, ..DeliverPartResult::default() };
             self.deliver.finish(io, id, end, result);
         }
     }

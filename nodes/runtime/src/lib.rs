@@ -20,6 +20,7 @@ pub mod node;
 pub mod parameters;
 mod program;
 mod public;
+pub mod recording;
 pub mod rosout;
 pub mod service;
 pub mod testing;

@@ -1,5 +1,6 @@
 //! Runs the clock: hears statuses, sends grants, publishes `/clock`.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
@@ -21,6 +22,7 @@ use crate::digest::Digest;
 use crate::housekeeping::{Housekeeping, own_parameters};
 use crate::node::{Interface, NodeError, Port, PortKind, stamp_of_ns};
 use crate::parameters::{Declaration, Range, Store, Value};
+use crate::recording::Tap;
 
 /// Between grants that say nothing new, so that a node can tell a slow clock from a dead one.
 const RENEW_PERIOD: Duration = Duration::from_millis(100);
@@ -51,6 +53,7 @@ pub struct ClockRunner {
     time_port: Port,
     told_tick: u64,
     digest: Digest,
+    tap: Option<Tap>,
     made_at: Instant,
     speeds: Receiver<Speed>,
     _housekeeping: Housekeeping,
@@ -165,10 +168,21 @@ impl ClockRunner {
             time_port,
             told_tick: 0,
             digest,
+            tap: None,
             made_at: Instant::now(),
             speeds,
             _housekeeping: housekeeping,
         })
+    }
+
+    /// Hands over `/clock` to the recorder that listens at `socket`.
+    ///
+    /// # Errors
+    /// When none does.
+    pub fn record_to(&mut self, socket: &Path, contract: &LoopContract) -> std::io::Result<()> {
+        let interface = clock_interface();
+        self.tap = Some(Tap::open(socket, contract.run_id, &self.time_port.name, &interface)?);
+        Ok(())
     }
 
     /// When the first tick was granted.
@@ -198,12 +212,12 @@ impl ClockRunner {
         result
     }
 
-    /// Leaves the digest of `/clock`.
+    /// Leaves the digest of `/clock` and the recorder.
     ///
     /// # Errors
-    /// When the file cannot be written.
+    /// When the file cannot be written, or the recorder is gone.
     pub fn finish(self) -> std::io::Result<()> {
-        self.digest.finish()
+        self.tap.map_or(Ok(()), Tap::finish).and(self.digest.finish())
     }
 
     fn run_to_the_end(
@@ -229,7 +243,7 @@ impl ClockRunner {
             for speed in self.speeds.try_iter() {
                 self.clock.set_speed(speed, self.made_at.elapsed());
             }
-            self.tell_time();
+            self.tell_time().map_err(RunError::Record)?;
             let renew = renewed_at.elapsed() >= RENEW_PERIOD;
             if let Some(grant) = self.clock.grant(self.made_at.elapsed(), renew || self.clock.finished()) {
                 self.nodes.grant(&grant)?;
@@ -246,17 +260,22 @@ impl ClockRunner {
     }
 
     /// Publishes `/clock` for every tick that all nodes have reached.
-    fn tell_time(&mut self) {
+    fn tell_time(&mut self) -> std::io::Result<()> {
         while self.told_tick < self.clock.tick() {
             self.told_tick += 1;
             let message = ClockMessage { clock: stamp_of_ns(self.told_tick * self.tick_ns) };
-            let Ok(payload) = cdr::encode(&message) else { return };
+            let Ok(payload) = cdr::encode(&message) else { break };
             self.digest.add(&self.time_port, self.told_tick, &payload);
+            if let Some(tap) = &mut self.tap {
+                tap.add(0, self.told_tick, &payload)?;
+                tap.complete_until(self.told_tick + 1)?;
+            }
             if self.time.matched_readers() > 0 {
                 // Best effort: a viewer that misses a tick sees the next.
                 let _ = self.time.publish(payload);
             }
         }
+        self.tap.as_mut().map_or(Ok(()), Tap::flush)
     }
 }
 

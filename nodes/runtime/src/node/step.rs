@@ -231,8 +231,9 @@ impl StepIo {
         answers.into_iter().filter_map(|(call, response)| Some((call, response?))).collect()
     }
 
-    /// Takes the ends of calls for this tick: the reply, or nothing for a call that got none that can be read. In a
-    /// simulated run every call gets its reply.
+    /// Takes the ends of calls for this tick: the reply, or nothing where none will come: no server was found in time, or
+    /// its reply was lost or makes no sense. Whether the server has acted on such a request is not known. Between nodes
+    /// of a loop every call gets its reply.
     pub fn answers<S: Service>(&mut self, client: &Client<S>) -> Vec<(CallId, Option<S::Response>)> {
         let arrivals: Vec<Arrival> = self.arrivals[client.port].drain(..).collect();
         arrivals
