@@ -70,10 +70,10 @@ impl CourierConfig {
     pub fn validate(&self) -> Result<(), OutOfRange> {
         self.limits.validate()?;
         self.control.validate()?;
-        self.learning.validate()?;
         self.plant.validate()?;
         self.load.validate()?;
         check_range("servo_period_s", self.servo_period_s, 1e-4, 5e-3)?;
+        self.learning.validate(self.servo_period_s)?;
         let (min, max) = (self.limits.position_min(), self.limits.position_max());
         for (axis, name) in ["start x", "start y", "start yaw"].into_iter().enumerate() {
             check_range(name, self.start[axis], min[axis], max[axis])?;
