@@ -1,6 +1,8 @@
 //! The learning courier against plants that differ from the nominal one, measured by what it feeds.
 #![expect(clippy::unwrap_used, reason = "what fails to set up fails the test")]
 
+use std::f64::consts::PI;
+
 use feeder_core::courier::control::ControlParameters;
 use feeder_core::courier::plant::PlantParameters;
 use feeder_core::courier::{CourierConfig, CourierDriver, LearningParameters, Load, Trajectory, TrajectoryPoint};
@@ -123,17 +125,19 @@ fn velocity_error_rad_s(samples: &[MotionSample]) -> f64 {
 
 fn learning() -> CourierConfig {
     let learning = LearningParameters { enabled: true, ..LearningParameters::default() };
-    CourierConfig { learning, plant: PlantParameters::ASSUMED, ..CourierConfig::default() }
+    CourierConfig { learning, plant: PlantParameters::assumed(), ..CourierConfig::default() }
 }
 
 /// A learning courier on a plant whose mass and delay are off by factors.
 fn off_nominal(mass: f64, delay: f64, ripple: f64, offset_m: f64) -> CourierConfig {
-    let assumed = PlantParameters::ASSUMED;
+    let assumed = PlantParameters::assumed();
     let plant = PlantParameters {
         mass_kg: assumed.mass_kg * mass,
         inertia_kg_m2: assumed.inertia_kg_m2 * mass,
         delay_s: assumed.delay_s * delay,
         ripple,
+        // The whole ripple falls on the torque.
+        ripple_phase_rad: [0.0, PI, 0.0, PI],
         center_of_mass_offset_m: [offset_m, 0.0],
         ..assumed
     };

@@ -58,12 +58,8 @@ impl NominalLoop {
         let natural_rad_s = TAU * self.control.bandwidth_hz;
         let gain = 1.0 - (-TAU * self.control.velocity_filter_hz * self.period_s).exp();
         let rate = gain * (1.0 - 1.0 / z) / self.period_s / (1.0 - (1.0 - gain) / z);
-        natural_rad_s * natural_rad_s + 2.0 * self.control.damping_ratio * natural_rad_s * rate
-    }
-
-    /// Acceleration per error at rest.
-    pub(crate) fn stiffness_per_s2(&self) -> f64 {
-        (TAU * self.control.bandwidth_hz).powi(2)
+        let integral = 1.0 + self.control.integral_per_s() * self.period_s / (1.0 - 1.0 / z);
+        natural_rad_s * natural_rad_s * integral + 2.0 * self.control.damping_ratio * natural_rad_s * rate
     }
 
     /// Everything of the loop at one frequency.

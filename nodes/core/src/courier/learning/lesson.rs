@@ -21,7 +21,7 @@ pub(super) struct Lesson {
     /// Coefficients of the position that the set point asks for on the vibrating axis, first harmonic first.
     position: Vec<Complex<f64>>,
     mass: Vector3<f64>,
-    /// The constant part, then the harmonics.
+    /// The force of each harmonic. A constant one is the controller's integral's to find.
     force: Vec<Harmonic>,
     /// Sums of the present window, likewise.
     error: Vec<Harmonic>,
@@ -49,7 +49,7 @@ impl Lesson {
     pub(super) fn new(vibration: &Instant, nominal: &NominalLoop, mass: Vector3<f64>) -> Self {
         let period_ticks = vibration.waveform.period_s() / nominal.period_s;
         let position = vibration.fourier.position().to_vec();
-        let zeros = vec![Harmonic::zeros(); position.len() + 1];
+        let zeros = vec![Harmonic::zeros(); position.len()];
         let mut lesson = Self {
             waveform: vibration.waveform.clone(),
             axis: vibration.axis,
@@ -63,7 +63,7 @@ impl Lesson {
             updates: 0,
         };
         let follow: Vec<_> = lesson.harmonics(nominal).map(|harmonic| harmonic.force_to_follow(nominal)).collect();
-        for (force, follow) in lesson.force.iter_mut().skip(1).zip(follow) {
+        for (force, follow) in lesson.force.iter_mut().zip(follow) {
             force[vibration.axis] = follow * mass[vibration.axis];
         }
         lesson
@@ -83,8 +83,7 @@ impl Lesson {
     /// Evaluates the learned force, and adds the error to the window's sums on the way.
     pub(super) fn force(&mut self, vibration: &Instant, error: &Vector3<f64>, learning: bool) -> Wrench {
         let mut force = Wrench::zeros();
-        let harmonics = basis(self.fundamental_rad_s, vibration.elapsed_s);
-        let powers = std::iter::once(Complex::from(1.0)).chain(harmonics);
+        let powers = basis(self.fundamental_rad_s, vibration.elapsed_s);
         for ((learned, sum), power) in self.force.iter().zip(&mut self.error).zip(powers) {
             for axis in 0..3 {
                 force[axis] += (learned[axis] * power).re;
@@ -104,7 +103,7 @@ impl Lesson {
     /// The harmonics of the vibrating axis over a full window, as the nominal loop explains them.
     pub(super) fn observe<'a>(&'a self, nominal: &'a NominalLoop) -> impl Iterator<Item = Observation> + 'a {
         let share = 2.0 / f64::from(self.window_ticks);
-        let seen = self.error.iter().zip(&self.force).skip(1);
+        let seen = self.error.iter().zip(&self.force);
         self.harmonics(nominal).zip(seen).map(move |(harmonic, (sum, force))| {
             let off_set_point = sum[self.axis] * share;
             let position = harmonic.position - off_set_point;
@@ -123,11 +122,7 @@ impl Lesson {
         let gain = parameters.gain(self.updates);
         let share = 2.0 / f64::from(self.window_ticks);
         let wanted: Vec<_> = self.observe(nominal).map(|seen| (seen.error, seen.response)).collect();
-        // A constant force, which a ripple that beats with the vibration asks for, is met by the stiffness alone. Its
-        // projection takes the mean, half of what a harmonic's takes.
-        let constant = 0.5 * nominal.stiffness_per_s2() * gain * share;
-        self.force[0] += (self.error[0] * Complex::from(constant)).component_mul(&self.mass.map(Complex::from));
-        for ((force, sum), (error, response)) in self.force.iter_mut().zip(&self.error).skip(1).zip(wanted) {
+        for ((force, sum), (error, response)) in self.force.iter_mut().zip(&self.error).zip(wanted) {
             let lateral = response.omega_rad_s <= TAU * parameters.lateral_cutoff_hz;
             let mut error_of_axes = if lateral { sum * Complex::from(share) } else { Harmonic::zeros() };
             error_of_axes[self.axis] = error;
