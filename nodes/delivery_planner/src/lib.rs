@@ -28,6 +28,9 @@ use nalgebra::Vector3;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
+/// The state is said at least this often, ns: a sign of life, by which the courier driver knows that moves are wanted.
+const REPEAT_PERIOD_NS: u64 = 500_000_000;
+
 /// Handles of the planner's ports.
 pub struct Ports {
     candidates: Subscriber<Detection3DArray>,
@@ -59,6 +62,8 @@ pub struct DeliveryPlanner {
     moves: BTreeMap<MoveId, GoalId>,
     /// What was last said, to be said again when something changes.
     said: DeliveryState,
+    /// When that was.
+    said_ns: u64,
 }
 
 struct Open {
@@ -112,6 +117,7 @@ impl FeederNode for DeliveryPlanner {
             deliveries: BTreeMap::new(),
             moves: BTreeMap::new(),
             said: DeliveryState::default(),
+            said_ns: 0,
         })
     }
 
@@ -121,6 +127,9 @@ impl FeederNode for DeliveryPlanner {
         self.take_requests(io, now);
         for output in self.sequencer.step(now) {
             self.act(io, now, output);
+        }
+        if io.now_ns().saturating_sub(self.said_ns) >= REPEAT_PERIOD_NS {
+            self.publish_state(io);
         }
         Ok(())
     }
@@ -324,6 +333,7 @@ impl DeliveryPlanner {
 
     fn publish_state(&mut self, io: &mut StepIo) {
         self.said.header = io.header(&self.tray_frame);
+        self.said_ns = io.now_ns();
         io.publish(&self.state, &self.said);
     }
 }

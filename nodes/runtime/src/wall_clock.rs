@@ -123,7 +123,8 @@ impl<N: FeederNode> WallRunner<N> {
             }
         }
         let public = PublicSide::open(participant, interface, &sender)?;
-        let io = StepIo::new(interface.ports.len(), tick_ns);
+        let mut io = StepIo::new(interface.ports.len(), tick_ns);
+        io.set_simulated(false);
         Ok(Self { node, io, public, clients, sender, inbox, tick: 0, _readers: readers })
     }
 

@@ -1,6 +1,7 @@
 //! One step of a node: its inputs of this tick, and its outputs.
 
 use std::collections::VecDeque;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 
 use bytes::{Bytes, BytesMut};
 use minifactory_msgs::builtin_interfaces::msg::Time;
@@ -14,6 +15,21 @@ use crate::dds::ReplyHandle;
 /// Who asked, so that the answer finds the way back. May be kept over many steps.
 #[derive(Debug)]
 pub struct Asker(pub(crate) AskerInner);
+
+impl Asker {
+    /// A number that tells this client from the others of the same service; two share one with a chance of 2⁻⁶⁴.
+    #[must_use]
+    pub fn client(&self) -> u64 {
+        match &self.0 {
+            AskerInner::Loop { edge, .. } => *edge as u64,
+            AskerInner::Graph(reply) => {
+                let mut hasher = DefaultHasher::new();
+                reply.client().hash(&mut hasher);
+                hasher.finish()
+            }
+        }
+    }
+}
 
 #[derive(Debug)]
 pub(crate) enum AskerInner {
@@ -53,6 +69,7 @@ pub struct StepIo {
     pub(crate) outputs: Vec<Output>,
     wanted: Vec<bool>,
     next_call: u64,
+    simulated: bool,
     pub(crate) goal_reached: bool,
     pub(crate) undecodable: u64,
 }
@@ -67,6 +84,7 @@ impl StepIo {
             outputs: Vec::new(),
             wanted: vec![true; ports],
             next_call: 0,
+            simulated: true,
             goal_reached: false,
             undecodable: 0,
         }
@@ -97,6 +115,16 @@ impl StepIo {
     #[must_use]
     pub fn wanted<M: Message>(&self, publisher: &Publisher<M>) -> bool {
         self.wanted[publisher.port]
+    }
+
+    pub(crate) fn set_simulated(&mut self, simulated: bool) {
+        self.simulated = simulated;
+    }
+
+    /// Whether time is simulated; else the node keeps to the wall clock, as on hardware.
+    #[must_use]
+    pub fn simulated(&self) -> bool {
+        self.simulated
     }
 
     /// The tick being stepped, counted from the start of the run; against the wall clock, from the start of the node.
