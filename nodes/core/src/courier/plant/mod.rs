@@ -5,6 +5,7 @@ mod faults;
 mod forcers;
 mod parameters;
 mod sensor;
+mod slider;
 
 use std::collections::VecDeque;
 
@@ -16,6 +17,7 @@ use self::body::{Body, BodyState};
 pub use self::faults::{Fault, FaultHooks, Window};
 pub use self::parameters::PlantParameters;
 use self::sensor::Sensor;
+use self::slider::Slider;
 use super::limits::Load;
 use crate::range::OutOfRange;
 
@@ -52,8 +54,7 @@ pub struct SimulatedPlant {
     command: Wrench,
     /// Commands under way with the time until they arrive, s.
     pending: VecDeque<(f64, Wrench)>,
-    /// What the sliding parts do to the tray.
-    reaction: Wrench,
+    slider: Slider,
     air: bool,
     losses: Pcg64Mcg,
     time_s: f64,
@@ -75,7 +76,7 @@ impl SimulatedPlant {
             sensor: Sensor::new(seed),
             command: Wrench::zeros(),
             pending: VecDeque::new(),
-            reaction: Wrench::zeros(),
+            slider: Slider::new(),
             air: true,
             losses: Pcg64Mcg::seed_from_u64(!seed),
             time_s: 0.0,
@@ -85,12 +86,6 @@ impl SimulatedPlant {
     /// Puts a load on the tray, its centre of mass at the tray's centre.
     pub fn set_load(&mut self, load: &Load) {
         self.body = Body::new(&self.parameters, load);
-    }
-
-    /// What the parts that slide on the tray do to it from now on: the friction's mean over the last block of motion,
-    /// which is all that is known of them while the next one runs.
-    pub fn set_reaction(&mut self, wrench: Wrench) {
-        self.reaction = wrench;
     }
 
     /// Makes things go wrong from now on.
@@ -119,7 +114,7 @@ impl SimulatedPlant {
         let forces_n = forcers::saturate(forcers::allocate(self.command, forcer_arm_m), force_n_max);
         let position = self.position();
         let target = forcers::combine(forcers::ripple(forces_n, &position, &self.parameters), forcer_arm_m);
-        let wrench = self.tether_pull(&position) + self.reaction;
+        let wrench = self.tether_pull(&position) + self.slider.reaction();
         self.body.advance(&mut self.state, target, wrench, duration_s);
         if !self.air || faults.frozen(self.time_s) {
             self.state.fixed_rows_mut::<3>(0).copy_from(&position);
@@ -167,6 +162,7 @@ impl Plant for SimulatedPlant {
         for (arrival_s, _) in &mut self.pending {
             *arrival_s = (*arrival_s - duration_s).max(0.0);
         }
+        self.slider.follow(&self.velocity(), duration_s, &self.parameters);
         self.time_s += duration_s;
     }
 
@@ -188,6 +184,7 @@ impl Plant for SimulatedPlant {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gravity::STANDARD_GRAVITY_M_S2;
 
     const TICK_S: f64 = 0.5e-3;
 
@@ -337,11 +334,29 @@ mod tests {
     }
 
     #[test]
-    fn parts_that_slide_push_the_tray() {
-        let mut plant = plant(PlantParameters::IDEAL);
-        plant.set_reaction(Wrench::new(0.0, 0.0, 1e-3));
-        plant.step(Wrench::zeros(), TICK_S);
-        assert!((plant.motion().1.z - 1e-3 / 0.005 * TICK_S).abs() < 1e-15);
+    fn verif_sliding_parts_drag_the_tray_a_block_later() {
+        let parameters = PlantParameters {
+            sliding_mass_kg: 0.05,
+            sliding_radius_m: 0.08,
+            sliding_friction: 0.2,
+            sliding_block_s: 0.01,
+            ..PlantParameters::IDEAL
+        };
+        let mut plant = plant(parameters);
+        let mut speeds = vec![0.0];
+        for _ in 0..60 {
+            // 10 m/s² and more than friction can give the parts in rotation.
+            plant.step(Wrench::new(12.0, 0.0, 0.5), TICK_S);
+            speeds.push(plant.motion().1.x);
+        }
+        let acceleration = |tick: usize| (speeds[tick + 1] - speeds[tick]) / TICK_S;
+        // Nothing is known in the first block of 20 ticks; then the parts pull back by μ m g.
+        assert!((acceleration(19) - 10.0).abs() < 1e-9);
+        let drag_m_s2 = 0.2 * STANDARD_GRAVITY_M_S2 * 0.05 / 1.2;
+        assert!((acceleration(21) - (10.0 - drag_m_s2)).abs() < 1e-9, "{}", acceleration(21));
+        let turned = plant.motion().1.z - 100.0 * 0.03;
+        let drag_rad_s2 = 0.2 * STANDARD_GRAVITY_M_S2 * 0.05 * 0.08 / 0.005;
+        assert!((turned + drag_rad_s2 * 0.02).abs() < 1e-9, "{turned}");
     }
 
     #[test]

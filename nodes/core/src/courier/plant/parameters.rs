@@ -51,6 +51,14 @@ pub struct PlantParameters {
     pub tether_tension_n: f64,
     /// Increase of that pull with the distance from the anchor, N/m.
     pub tether_stiffness_n_m: f64,
+    /// Mass of the parts that slide on the tray, kg; what sticks to it belongs to the load.
+    pub sliding_mass_kg: f64,
+    /// Distance of these parts from the tray's centre, m.
+    pub sliding_radius_m: f64,
+    /// Their friction on the tray.
+    pub sliding_friction: f64,
+    /// Length of the blocks in which their motion becomes known, s: their friction acts on the tray one block late.
+    pub sliding_block_s: f64,
     /// Resolution of the position sensor, m; 0 for none.
     pub sensor_resolution_m: f64,
     /// Noise of the position sensor, m rms.
@@ -83,6 +91,10 @@ impl PlantParameters {
         tether_anchor_m: [0.0, 0.0],
         tether_tension_n: 0.0,
         tether_stiffness_n_m: 0.0,
+        sliding_mass_kg: 0.0,
+        sliding_radius_m: 0.085,
+        sliding_friction: 0.2,
+        sliding_block_s: 0.01,
         sensor_resolution_m: 0.0,
         sensor_noise_m_rms: 0.0,
         sensor_delay_s: 0.0,
@@ -124,6 +136,11 @@ impl PlantParameters {
         }
         check_range("plant.tether_tension_n", self.tether_tension_n, 0.0, 10.0)?;
         check_range("plant.tether_stiffness_n_m", self.tether_stiffness_n_m, 0.0, 100.0)?;
+        // Late by a block, the reaction of much more would shake the courier.
+        check_range("plant.sliding_mass_kg", self.sliding_mass_kg, 0.0, 0.2 * self.mass_kg)?;
+        check_range("plant.sliding_radius_m", self.sliding_radius_m, 1e-3, 0.5)?;
+        check_range("plant.sliding_friction", self.sliding_friction, 0.0, 2.0)?;
+        check_range("plant.sliding_block_s", self.sliding_block_s, 1e-4, 0.1)?;
         check_range("plant.sensor_resolution_m", self.sensor_resolution_m, 0.0, 1e-3)?;
         check_range("plant.sensor_noise_m_rms", self.sensor_noise_m_rms, 0.0, 1e-3)?;
         check_range("plant.sensor_delay_s", self.sensor_delay_s, 0.0, 0.02)?;
