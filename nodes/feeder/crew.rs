@@ -46,6 +46,7 @@ impl Crew {
         contract: &LoopContract,
         domain: &Domain,
         digest_dir: Option<&Path>,
+        record_to: Option<&Path>,
     ) -> anyhow::Result<Self> {
         let scenario_file = work.join("scenario.yaml");
         let contract_file = work.join("contract.json");
@@ -61,6 +62,9 @@ impl Crew {
                 command.arg("--config").arg(&scenario_file).arg("--loop").arg(&contract_file);
                 if let Some(dir) = digest_dir {
                     command.arg("--digest-dir").arg(dir);
+                }
+                if let Some(socket) = record_to {
+                    command.arg("--record-to").arg(socket);
                 }
                 export(domain, &mut command);
                 own_process_group(&mut command);

@@ -1,8 +1,10 @@
 //! The `feeder` command: each subcommand lives in a module of its own, this file only names them.
 
 mod analysis;
+mod bag;
 mod crew;
 mod plan_move;
+mod recording;
 mod scenario_file;
 mod summary;
 mod table;
@@ -28,6 +30,7 @@ enum Command {
     Up(up::UpArgs),
     Check(scenario_file::CheckArgs),
     Node(NodeArgs),
+    Bag(bag::BagArgs),
     Teach(teach::TeachArgs),
     PlanMove(plan_move::Args),
     FeedRate(analysis::feed_rate::Args),
@@ -57,6 +60,10 @@ fn main() -> ExitCode {
         }
         Command::Check(args) => scenario_file::check(&args),
         Command::Node(args) => return node(args),
+        Command::Bag(args) => {
+            feeder_runtime::start_logging(None);
+            return bag::run(&args);
+        }
         Command::Teach(args) => teach::run(&args),
         Command::PlanMove(args) => plan_move::run(&args),
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
