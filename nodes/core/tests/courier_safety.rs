@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "what fails to set up fails the test")]
 
-use feeder_core::courier::plant::{Fault as Sized, FaultHooks, Plant as _, PlantParameters, Window};
+use feeder_core::courier::plant::{FaultHooks, Plant as _, PlantParameters, SizedWindow, Window};
 use feeder_core::courier::{
     Commander, CourierConfig, CourierDriver, DriverEvent, DriverStatus, Fault, GoalOutcome, Rejection, Tolerances,
     Trajectory, TrajectoryPoint,
@@ -192,7 +192,7 @@ fn fails(faults: FaultHooks, expected: impl Fn(&Fault) -> bool) {
 #[test]
 fn hardware_that_fails_in_a_move_is_stopped_and_recovers() {
     let window = Some(Window { from_s: 0.4, to_s: 2.0 });
-    let sized = |size| Some(Sized { from_s: 0.4, to_s: 2.0, size });
+    let sized = |size| Some(SizedWindow { from_s: 0.4, to_s: 2.0, size });
     fails(FaultHooks { freeze: window, ..FaultHooks::NONE }, |fault| matches!(fault, Fault::TrackingError { .. }));
     fails(FaultHooks { sensor_dropout: window, ..FaultHooks::NONE }, |fault| *fault == Fault::SensorLost);
     fails(FaultHooks { saturation: sized(0.005), ..FaultHooks::NONE }, |fault| {
@@ -219,7 +219,7 @@ fn a_courier_pushed_over_its_bounds_is_a_fault() {
     let plant = PlantParameters {
         tether_anchor_m: [2.0, 0.0],
         tether_tension_n: 0.5,
-        faults: FaultHooks { saturation: Some(Sized { from_s: 0.0, to_s: 60.0, size: 0.0 }), ..FaultHooks::NONE },
+        faults: FaultHooks { saturation: Some(SizedWindow { from_s: 0.0, to_s: 60.0, size: 0.0 }), ..FaultHooks::NONE },
         ..PlantParameters::assumed()
     };
     let start = Vector3::new(0.5, 0.0, 0.0);

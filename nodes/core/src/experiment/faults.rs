@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::feed::FeedTrial;
-use crate::courier::plant::{Fault, FaultHooks, Window};
+use crate::courier::plant::{FaultHooks, SizedWindow, Window};
 use crate::courier::{
     Commander, CourierConfig, CourierDriver, DriverEvent, GoalOutcome, Rejection, Trajectory, TrajectoryPoint,
 };
@@ -59,7 +59,7 @@ pub struct FaultReport {
 pub fn matrix(config: CourierConfig) -> Result<Vec<FaultReport>, Rejection> {
     let window = Some(Window { from_s: ONSET_S, to_s: ONSET_S + LASTING_S });
     let short = Some(Window { from_s: ONSET_S, to_s: ONSET_S + 1e-3 });
-    let sized = |size| Some(Fault { from_s: ONSET_S, to_s: ONSET_S + LASTING_S, size });
+    let sized = |size| Some(SizedWindow { from_s: ONSET_S, to_s: ONSET_S + LASTING_S, size });
     let none = FaultHooks::NONE;
     let hardware = [
         ("courier freezes", FaultHooks { freeze: window, ..none }),

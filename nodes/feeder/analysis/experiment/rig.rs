@@ -35,7 +35,7 @@ pub(crate) enum Figure {
 /// How the rig is run.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// Folder for the charts (SVG, CSV) and the recording; made if need be.
+    /// Folder for the charts (SVG, CSV) and two recordings (bags) for `feeder identify-friction`; made if need be.
     #[arg(long)]
     out: Option<PathBuf>,
     /// Friction between block and tray.
@@ -185,7 +185,7 @@ fn write(figure: Figure, folder: &Path, runs: &[(String, f64, Recording)], ideal
         };
         let word = if name == SHOWN { "pd" } else { "learning" };
         chart.write(folder, &format!("{stem}_velocities_{word}"))?;
-        identify::write_csv(&folder.join(format!("{stem}_recording_{word}.csv")), &recording.samples)?;
+        identify::write_bag(&folder.join(format!("{stem}_recording_{word}")), &recording.samples)?;
     }
     println!("{}", folder.display());
     Ok(())

@@ -15,10 +15,10 @@ pub struct Window {
     pub to_s: f64,
 }
 
-/// A fault with a size.
+/// A stretch of the plant's own time in which something is so bad.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Fault {
+pub struct SizedWindow {
     /// Its start, s since the plant's start.
     pub from_s: f64,
     /// Its end, s since the plant's start.
@@ -36,11 +36,11 @@ pub struct FaultHooks {
     /// The sensor gives no number.
     pub sensor_dropout: Option<Window>,
     /// The forcers give at most this share of their force.
-    pub saturation: Option<Fault>,
+    pub saturation: Option<SizedWindow>,
     /// Commands arrive this much later, s.
-    pub latency: Option<Fault>,
+    pub latency: Option<SizedWindow>,
     /// This share of the commands is lost; the one before it stays in force.
-    pub message_loss: Option<Fault>,
+    pub message_loss: Option<SizedWindow>,
 }
 
 impl FaultHooks {
@@ -97,6 +97,6 @@ impl Window {
     }
 }
 
-fn size(fault: Option<Fault>, time_s: f64) -> Option<f64> {
+fn size(fault: Option<SizedWindow>, time_s: f64) -> Option<f64> {
     fault.filter(|fault| (fault.from_s..fault.to_s).contains(&time_s)).map(|fault| fault.size)
 }

@@ -14,7 +14,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use self::body::{Body, BodyState};
-pub use self::faults::{Fault, FaultHooks, Window};
+pub use self::faults::{FaultHooks, SizedWindow, Window};
 pub use self::parameters::PlantParameters;
 use self::sensor::Sensor;
 use self::slider::Slider;
@@ -362,7 +362,7 @@ mod tests {
     #[test]
     fn faults_come_and_go_with_their_windows() {
         let window = Window { from_s: 0.01, to_s: 0.02 };
-        let sized = |size| Some(Fault { from_s: 0.01, to_s: 0.02, size });
+        let sized = |size| Some(SizedWindow { from_s: 0.01, to_s: 0.02, size });
         let acceleration = |faults: FaultHooks, from: usize| {
             let mut plant = plant(PlantParameters { faults, ..PlantParameters::IDEAL });
             let mut speeds = vec![0.0];
