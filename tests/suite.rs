@@ -4,6 +4,7 @@
 
 mod analysis;
 mod common;
+mod courier;
 mod cyclone;
 mod faults;
 mod graph;

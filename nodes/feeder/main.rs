@@ -43,6 +43,8 @@ enum Command {
     TrayMap(analysis::tray_map::Args),
     Figures(analysis::figures::Args),
     Optimize(analysis::optimize::Args),
+    Experiment(analysis::experiment::Args),
+    IdentifyFriction(analysis::identify::Args),
 }
 
 /// Run one node of a scenario.
@@ -80,6 +82,8 @@ fn main() -> ExitCode {
         Command::TrayMap(args) => analysis::tray_map::run(&args),
         Command::Figures(args) => analysis::figures::run(&args),
         Command::Optimize(args) => analysis::optimize::run(&args),
+        Command::Experiment(args) => analysis::experiment::run(&args),
+        Command::IdentifyFriction(args) => analysis::identify::run(&args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

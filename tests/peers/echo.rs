@@ -15,7 +15,7 @@ use feeder_runtime::node::{
 use feeder_runtime::parameters::Range;
 use feeder_runtime::testing::TestDomain;
 use minifactory_msgs::action::{DeliverPart, DeliverPartFeedback, DeliverPartResult};
-use minifactory_msgs::srv::{ReportHandover, ReportHandoverResponse};
+use minifactory_msgs::srv::{ReportHandover, ReportHandoverRequest, ReportHandoverResponse};
 use serde::{Deserialize, Serialize};
 
 /// What the node is configured by.

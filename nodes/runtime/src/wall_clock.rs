@@ -226,7 +226,8 @@ impl<N: FeederNode> WallRunner<N> {
         }
         let public = PublicSide::open(participant, interface, &sender)?;
         let undecodable = participant.counter("messages", "samples that are not of their type");
-        let io = StepIo::new(interface.ports.len(), tick_ns).counted_by(undecodable);
+        let mut io = StepIo::new(interface.ports.len(), tick_ns).counted_by(undecodable);
+        io.set_simulated(false);
         Ok(Self { node, io, public, clients, sender, inbox, tick: 0, _readers: readers })
     }
 

@@ -14,6 +14,9 @@ use minifactory_msgs::msg;
 use minifactory_msgs::srv::{SetWaveform, SetWaveformResponse};
 use minifactory_msgs::std_srvs::srv::{SetBool, SetBoolResponse};
 
+/// Between two publications of a waveform that runs, ns.
+const REPEAT_PERIOD_NS: u64 = 500_000_000;
+
 /// Handles of the generator's ports.
 #[derive(Debug)]
 pub struct Ports {
@@ -32,6 +35,8 @@ pub struct WaveformGenerator {
     waveform: Waveform,
     enabled: bool,
     sequence: u32,
+    /// When the waveform was last published.
+    said_ns: u64,
     changed: bool,
 }
 
@@ -61,12 +66,13 @@ impl FeederNode for WaveformGenerator {
         let mut judge = courier::CourierDriver::simulated(config.courier, 0).map_err(NodeError::new)?;
         judge.set_waveform(&waveform, false).map_err(NodeError::new)?;
         let name = config.waveform.name().to_owned();
-        Ok(Self { ports, judge, name, waveform, enabled: false, sequence: 0, changed: true })
+        Ok(Self { ports, judge, name, waveform, enabled: false, sequence: 0, said_ns: 0, changed: true })
     }
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         for (asker, request) in io.requests(&self.ports.set_feeding) {
-            self.changed |= self.enabled != request.data;
+            // Said anew even when nothing changes: the courier may have been stopped by somebody else.
+            self.changed = true;
             self.enabled = request.data;
             let message = if request.data { "feeding" } else { "not feeding" }.to_owned();
             io.reply(&self.ports.set_feeding, asker, &SetBoolResponse { success: true, message });
@@ -78,8 +84,12 @@ impl FeederNode for WaveformGenerator {
             };
             io.reply(&self.ports.set_waveform, asker, &response);
         }
-        if std::mem::take(&mut self.changed) {
-            self.sequence += 1;
+        let changed = std::mem::take(&mut self.changed);
+        self.sequence += u32::from(changed);
+        // Said again as a sign of life while the courier vibrates.
+        let due = io.now_ns().saturating_sub(self.said_ns) >= REPEAT_PERIOD_NS;
+        if changed || (self.enabled && due) {
+            self.said_ns = io.now_ns();
             let message = msg::Waveform {
                 header: io.header(""),
                 sequence: self.sequence,

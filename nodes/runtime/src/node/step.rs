@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::fmt;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::sync::Arc;
 
 use bytes::{Bytes, BytesMut};
@@ -16,6 +17,21 @@ use crate::dds::{Counter, ReplyHandle};
 /// Who asked, so that the answer finds the way back. May be kept over many steps.
 #[derive(Debug)]
 pub struct Asker(pub(crate) AskerInner);
+
+impl Asker {
+    /// A number that tells this client from the others of the same service; two share one with a chance of 2⁻⁶⁴.
+    #[must_use]
+    pub fn client(&self) -> u64 {
+        match &self.0 {
+            AskerInner::Loop { edge, .. } => *edge as u64,
+            AskerInner::Graph(reply) => {
+                let mut hasher = DefaultHasher::new();
+                reply.client().hash(&mut hasher);
+                hasher.finish()
+            }
+        }
+    }
+}
 
 #[derive(Debug)]
 pub(crate) enum AskerInner {
@@ -80,6 +96,7 @@ pub struct StepIo {
     pub(crate) outputs: Vec<Output>,
     wanted: Vec<bool>,
     next_call: u64,
+    simulated: bool,
     pub(crate) goal_reached: bool,
     undecodable: Option<Arc<Counter>>,
 }
@@ -94,6 +111,7 @@ impl StepIo {
             outputs: Vec::new(),
             wanted: vec![true; ports],
             next_call: 0,
+            simulated: true,
             goal_reached: false,
             undecodable: None,
         }
@@ -129,6 +147,16 @@ impl StepIo {
     #[must_use]
     pub fn wanted<M: Message>(&self, publisher: &Publisher<M>) -> bool {
         self.wanted[publisher.port]
+    }
+
+    pub(crate) fn set_simulated(&mut self, simulated: bool) {
+        self.simulated = simulated;
+    }
+
+    /// Whether time is simulated; else the node keeps to the wall clock, as on hardware.
+    #[must_use]
+    pub fn simulated(&self) -> bool {
+        self.simulated
     }
 
     /// The tick being stepped, counted from the start of the run; against the wall clock, from the start of the node.
