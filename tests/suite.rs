@@ -7,6 +7,7 @@ mod common;
 mod courier;
 mod cyclone;
 mod faults;
+mod graph;
 mod interop;
 mod parameters;
 mod peers;

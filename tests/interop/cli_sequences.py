@@ -42,6 +42,8 @@ def default(desc):
 def make(name, /, **values):
     """A message with these values and zeros elsewhere."""
     fields = {field: default(desc) for field, desc in STORE.fielddefs[name][1]}
+    if name == "geometry_msgs/msg/Quaternion":
+        fields["w"] = 1.0  # the only default in use that is not zero
     assert fields.keys() >= values.keys(), (name, values)
     fields = {**fields, **values}
     return STORE.types[name](**{normalize_fieldname(field): value for field, value in fields.items()})
@@ -215,7 +217,7 @@ def types(script):
 
 
 def report_fields():
-    numbers = {"string": 17, "bool": 15, "uint32": 7}
+    numbers = {"string": 17, "bool": 15, "uint8": 3, "uint32": 7}
     fields = STORE.fielddefs["minifactory_msgs/srv/ReportHandover_Request"][1]
     return [(name, numbers[desc[1][0]]) for name, desc in fields]
 

@@ -76,6 +76,8 @@ pub struct CourierDriver {
     accepted: Option<msg::Waveform>,
     /// Why the waveform last heard was refused.
     refused: Option<String>,
+    /// Number of the waveform last heard, for the generator to know that it was.
+    heard_sequence: u32,
 }
 
 impl FeederNode for CourierDriver {
@@ -140,6 +142,7 @@ impl FeederNode for CourierDriver {
             goals: Vec::new(),
             accepted: None,
             refused: None,
+            heard_sequence: 0,
         })
     }
 
@@ -190,6 +193,7 @@ impl CourierDriver {
             position_error_m: error.xy().norm(),
             yaw_error_rad: error.z,
             fault: status.fault.as_ref().map(ToString::to_string).unwrap_or_default(),
+            waveform_sequence: self.heard_sequence,
         };
         io.publish(&self.topics.state, &state);
         if let Some((_, id)) = self.goals.last().filter(|_| self.due(io, FEEDBACK_PERIOD)) {
@@ -222,6 +226,7 @@ impl CourierDriver {
     fn take_commands(&mut self, io: &mut StepIo) {
         for message in io.take(&self.topics.waveform) {
             self.driver.hear(Commander::Generator);
+            self.heard_sequence = message.sequence;
             self.take_waveform(message);
         }
         if !io.take(&self.topics.delivery_state).is_empty() {

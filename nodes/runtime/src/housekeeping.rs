@@ -14,6 +14,7 @@ use crate::clock::Clock;
 use crate::configuration::{Configuration, changed};
 use crate::dds::{BackgroundTask, DdsError, Loss, Participant, Qos, Server, Writer};
 use crate::logging;
+use crate::node::NodeError;
 use crate::parameters::{Declaration, ParameterServer, Store, Value};
 use crate::rosout::Rosout;
 use crate::type_description;
@@ -69,19 +70,28 @@ impl Housekeeping {
     }
 }
 
+/// Sets what a node's own parameters were given at the start.
+///
+/// # Errors
+/// The reason for which one of them cannot be so.
+pub(crate) fn apply_own(parameters: &Store) -> Result<(), NodeError> {
+    let level = parameters.get(LOG_LEVEL).map_or(Ok(logging::level()), level_of).map_err(NodeError::new)?;
+    logging::set_level(level).map_err(NodeError::new)
+}
+
+fn level_of(value: &Value) -> Result<LogLevel, String> {
+    let word = if let Value::Text(word) = value { word.as_str() } else { "" };
+    let words = || LogLevel::ALL.map(LogLevel::word).join(", ");
+    LogLevel::parse(word).ok_or_else(|| format!("parameter {LOG_LEVEL}: {word:?} is no level, allowed are {}", words()))
+}
+
 /// Takes changes of the node's own parameters, and of others if `accept` does.
 fn with_own(
     mut accept: impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static,
 ) -> impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static {
     move |changes| {
         let (own, others): (Vec<_>, Vec<_>) = changes.iter().cloned().partition(|(name, _)| name == LOG_LEVEL);
-        let mut level = None;
-        for (name, value) in own {
-            let Value::Text(word) = value else { continue };
-            let words = LogLevel::ALL.map(LogLevel::word).join(", ");
-            let parsed = LogLevel::parse(&word);
-            level = Some(parsed.ok_or_else(|| format!("parameter {name}: {word:?} is no level, allowed are {words}"))?);
-        }
+        let level = own.last().map(|(_, value)| level_of(value)).transpose()?;
         if !others.is_empty() {
             accept(&others)?;
         }

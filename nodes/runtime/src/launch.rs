@@ -16,7 +16,7 @@ use crate::clock::Clock;
 use crate::configuration::Configuration;
 use crate::dds::{Domain, NodeName, Participant};
 use crate::digest::Digest;
-use crate::housekeeping::{Housekeeping, USE_SIM_TIME, own_parameters, reconfiguring};
+use crate::housekeeping::{Housekeeping, USE_SIM_TIME, apply_own, own_parameters, reconfiguring};
 use crate::lockstep::{DdsLinks, Hub, Links, LoopContract, RunError, Runner};
 use crate::node::{Arrival, Declare, FeederNode, Interface, NodeError, Output, PortKind, StepIo, stamp_of_ns};
 use crate::parameters::Value;
@@ -195,6 +195,7 @@ pub fn run_remapped<N: FeederNode>(
     let name = ros.node_name(&NodeName::new(namespace, N::NAME)?)?;
     let configuration = Configuration::new(config, N::settable(), own_parameters(false), &ros.parameters(&name));
     let configuration = configuration.map_err(RunError::Node)?;
+    apply_own(&configuration.store).map_err(RunError::Node)?;
     let config = configuration.config.clone();
     let mut declare = Declare::new(name.namespace());
     let ports = N::declare(&mut declare, &config);

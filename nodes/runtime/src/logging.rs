@@ -70,7 +70,10 @@ pub(crate) fn level() -> LogLevel {
 ///
 /// # Errors
 /// When this process does not log.
-pub(crate) fn set_level(level: LogLevel) -> Result<(), String> {
+pub(crate) fn set_level(wanted: LogLevel) -> Result<(), String> {
+    if wanted == level() {
+        return Ok(());
+    }
     let log = LOG.get().ok_or("this process does not log")?;
-    log.filter.reload(filter(level)).map_err(|error| error.to_string())
+    log.filter.reload(filter(wanted)).map_err(|error| error.to_string())
 }

@@ -257,7 +257,7 @@ impl<N: FeederNode> WallRunner<N> {
         Ok(())
     }
 
-    /// The reply, or that there is none, arrives with a later step.
+    /// The reply arrives with a later step, or that there is none, which is logged too.
     fn call(&self, port: usize, call: CallId, payload: Bytes) {
         let Some(client) = &self.clients[port] else { return };
         let limit = if client.name().ends_with("/_action/get_result") { RESULT_LIMIT } else { REPLY_LIMIT };

@@ -3,6 +3,7 @@ use std::{
     fmt,
     net::Ipv4Addr,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::Duration,
 };
 
 use ros2_client::{
@@ -31,6 +32,20 @@ pub struct Participant {
     inner: Arc<Inner>,
 }
 
+/// How long a participant stays after its last endpoint has gone. The DDS library stops its sending thread without
+/// looking whether it has sent everything, and on a busy machine it has not: what is lost then stays on the graph as a
+/// ghost for most of a minute.
+const FAREWELL: Duration = Duration::from_millis(30);
+
+/// Lets the goodbyes of what was dropped before it be sent.
+struct Farewell;
+
+impl Drop for Farewell {
+    fn drop(&mut self) {
+        std::thread::sleep(FAREWELL);
+    }
+}
+
 /// Fields are dropped in this order: first the thread with the readers it drains, the participant last.
 pub(super) struct Inner {
     pub(super) executor: Executor,
@@ -41,7 +56,15 @@ pub(super) struct Inner {
     name: NodeName,
     domain: Domain,
     pub(super) tally: Tally,
+    _farewell: Farewell,
     pub(super) domain_participant: DomainParticipant,
+}
+
+impl Drop for Inner {
+    fn drop(&mut self) {
+        // So that the node is forgotten even where the end of its participant is missed.
+        self.announcement().publish(false);
+    }
 }
 
 impl Participant {
@@ -101,9 +124,10 @@ impl Participant {
             name: node.clone(),
             domain: *domain,
             tally: Tally::default(),
+            _farewell: Farewell,
             domain_participant,
         };
-        inner.announcement().publish();
+        inner.announcement().publish(true);
         Ok(Self { inner: Arc::new(inner) })
     }
 
@@ -253,15 +277,17 @@ struct Announcement {
 impl Announcement {
     fn change(&mut self, change: impl FnOnce(&mut Self) -> bool) {
         if change(self) {
-            self.publish();
+            self.publish(true);
         }
     }
 
-    fn publish(&self) {
+    /// Says which endpoints the node has, or that there is no node any more.
+    fn publish(&self, is_here: bool) {
         let mut node = NodeEntitiesInfo::new(self.name.inner().clone());
         self.readers.iter().for_each(|guid| node.add_reader(Gid::from(guid.0)));
         self.writers.iter().for_each(|guid| node.add_writer(Gid::from(guid.0)));
-        let info = ParticipantEntitiesInfo::new(Gid::from(self.participant.0), vec![node]);
+        let info =
+            ParticipantEntitiesInfo::new(Gid::from(self.participant.0), is_here.then_some(node).into_iter().collect());
         if let Err(error) = self.writer.write(info, Some(Timestamp::now())) {
             tracing::warn!(node = %self.name, "the node's endpoints could not be announced: {error}");
         }

@@ -106,6 +106,17 @@ pub fn clock_interface() -> Interface {
     }
 }
 
+/// Why a run ended, when the loop has broken: because a node is gone, if whoever watches them says so. Others then wait
+/// for it or complain about it, sometimes before the watcher looks.
+fn blame(end: RunEnd, watched: Result<(), String>) -> RunEnd {
+    match (&end, watched) {
+        // A node that said why it leaves has said more than that it has left.
+        (RunEnd::Clock(ClockError::NodeFailed { node, .. }), Err(gone)) if gone.starts_with(node.as_str()) => end,
+        (RunEnd::Clock(_) | RunEnd::Run(_), Err(gone)) => RunEnd::Watcher(gone),
+        _ => end,
+    }
+}
+
 impl ClockRunner {
     /// Opens the clock's end of the loop: over DDS, or in the hub of nodes that live in this process.
     ///
@@ -192,7 +203,7 @@ impl ClockRunner {
     /// # Errors
     /// [`RunEnd`] naming the node at fault. The nodes are told to leave in any case.
     pub fn run(&mut self, stop: &AtomicBool, mut watch: impl FnMut(u64) -> Result<(), String>) -> Result<(), RunEnd> {
-        let result = self.run_to_the_end(stop, &mut watch);
+        let result = self.run_to_the_end(stop, &mut watch).map_err(|end| blame(end, watch(self.clock.tick())));
         if result.is_err() {
             let ended = LoopGrant { ended: true, ..self.clock.last_grant() };
             // The run has failed already; nodes that miss this leave when grants stop coming.
@@ -265,5 +276,21 @@ impl ClockRunner {
             }
         }
         self.tap.as_mut().map_or(Ok(()), Tap::flush)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_a_dead_node_is_named_and_not_those_that_miss_it() {
+        let failed = |node: &str| {
+            RunEnd::Clock(ClockError::NodeFailed { node: node.to_owned(), message: "lost a bundle from /a".to_owned() })
+        };
+        let gone = || Err("/a is gone (signal: 9)".to_owned());
+        assert_eq!(blame(failed("/b"), gone()).to_string(), "/a is gone (signal: 9)");
+        assert!(blame(failed("/a"), gone()).to_string().starts_with("/a failed"));
+        assert!(blame(failed("/b"), Ok(())).to_string().starts_with("/b failed"));
     }
 }

@@ -273,7 +273,7 @@ pub enum ClientEvent<A: Action> {
     Rejected(GoalId),
     /// How far it is.
     Feedback(GoalId, A::Feedback),
-    /// How it ended; `None` when the server does not know it, or did not answer.
+    /// How it ended; `None` when the server does not know it.
     Finished(GoalId, Option<GoalEnd>, A::Result),
     /// The server did not answer: whether it pursues the goal, or how it ended, is not known. Nothing more will be heard
     /// of it.

@@ -206,7 +206,7 @@ impl StepIo {
             .into_iter()
             .filter_map(|arrival| match arrival {
                 Arrival::Message { payload, little_endian } => self.decode(&payload, little_endian),
-                _ => None,
+                Arrival::Request { .. } | Arrival::Reply { .. } | Arrival::NoReply { .. } => None,
             })
             .collect()
     }
@@ -231,7 +231,7 @@ impl StepIo {
                         None
                     }
                 },
-                _ => None,
+                Arrival::Message { .. } | Arrival::Reply { .. } | Arrival::NoReply { .. } => None,
             })
             .collect()
     }

@@ -95,14 +95,12 @@ impl Store {
         Ok(())
     }
 
-    /// A few parameters in the same group as `name`, or with the same last word.
+    /// The parameters whose names are nearly `name`.
     fn like(&self, name: &str) -> String {
-        let (group, last) = name.rsplit_once('.').unwrap_or(("", name));
-        let similar = |known: &&str| {
-            let (other_group, other_last) = known.rsplit_once('.').unwrap_or(("", known));
-            other_last == last || other_group == group
-        };
-        let like_it: Vec<&str> = self.entries.keys().map(String::as_str).filter(similar).take(8).collect();
+        let likeness = |known: &&str| strsim::jaro_winkler(known, name);
+        let mut like_it: Vec<&str> = self.entries.keys().map(String::as_str).filter(|k| likeness(k) > 0.8).collect();
+        like_it.sort_by(|a, b| likeness(b).total_cmp(&likeness(a)));
+        like_it.truncate(3);
         if like_it.is_empty() { "none like it".to_owned() } else { format!("like it {}", like_it.join(", ")) }
     }
 
@@ -223,9 +221,9 @@ mod tests {
         let empty = given("gains", &Value::Texts(vec![])).expect("an empty array has no type of its own");
         assert_eq!(empty.get("gains"), Some(&Value::Doubles(vec![])));
         for (name, value, says) in [
-            ("rate", Value::Double(1.0), "there is no parameter rate; there are 5, like it gains, on, rate_hz"),
-            ("lens.rows", Value::Double(1.0), "there are 5, like it camera.rows"),
-            ("lens.row", Value::Double(1.0), "none like it"),
+            ("rate", Value::Double(1.0), "there is no parameter rate; there are 5, like it rate_hz"),
+            ("camera.row", Value::Double(1.0), "there are 5, like it camera.rows"),
+            ("lens", Value::Double(1.0), "none like it"),
             ("rate_hz", Value::Integer(1), "rate_hz cannot be 1: 1 is not a double (write 1.0, not 1)"),
             ("rate_hz", Value::Double(0.1), "0.1 is not in 0.5 … 100.0 in steps of 0.1"),
             ("rate_hz", Value::Double(f64::NAN), "NaN is not in"),

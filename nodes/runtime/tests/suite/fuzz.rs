@@ -4,8 +4,8 @@ use feeder_runtime::fuzzing::TARGETS;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// Inputs for each target.
-const INPUTS: usize = 20_000;
+/// Inputs for each target, unless `FUZZ_INPUTS` says otherwise; with `FUZZ_SEED` they are others.
+const INPUTS: u64 = 20_000;
 /// Good bodies of all message types.
 const MESSAGES: &str = include_str!("../../../../msgs/tests/data/cdr.txt");
 const PARAMETERS: &str = "/**:\n  ros__parameters: {seed: 1, gains: [1.0, 2.5], deep: {on: yes, name: 'a b'}}\n/feeder/*:\n  ros__parameters:\n    x: -3\n";
@@ -46,12 +46,14 @@ fn damage(input: &mut Vec<u8>, random: &mut Pcg64Mcg) {
 
 #[test]
 fn no_decoder_panics_or_hangs_whatever_comes() {
+    let told = |variable: &str| std::env::var(variable).ok().map(|number| number.parse::<u64>().unwrap());
+    let (inputs, seed) = (told("FUZZ_INPUTS").unwrap_or(INPUTS), told("FUZZ_SEED").unwrap_or(1));
     for (name, target) in TARGETS {
-        let mut random = Pcg64Mcg::seed_from_u64(1);
+        let mut random = Pcg64Mcg::seed_from_u64(seed);
         let seeds = seeds(name);
         seeds.iter().for_each(|seed| target(seed));
-        for number in 0..INPUTS {
-            let mut input = seeds[number % seeds.len()].clone();
+        for _ in 0..inputs {
+            let mut input = seeds[random.random_range(0..seeds.len())].clone();
             damage(&mut input, &mut random);
             target(&input);
         }
