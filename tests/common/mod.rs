@@ -1,5 +1,6 @@
 //! A small harness: runs `feeder` as a user does, in a DDS domain and a folder of its own.
 
+mod node;
 mod process;
 mod python;
 
@@ -20,6 +21,7 @@ use rustix::process::Signal;
 use serde_json::Value;
 use tempfile::TempDir;
 
+pub(crate) use node::bag_reader;
 pub(crate) use process::Process;
 pub(crate) use python::python;
 
