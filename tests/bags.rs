@@ -120,7 +120,6 @@ fn a_recorded_run_comes_out_the_same_again_and_so_does_its_selector_alone() {
     let parts = said.lines().find(|line| line.contains("/feeder/parts ")).unwrap();
     assert!(code == Some(1) && parts.contains("first at 0.000000000 s: message 0: parts[0]."), "{said}");
 
-    // What is not from the run is noticed: one bit of one candidate.
     let file = folder.join("bag_0.mcap");
     let plain = work.path().join("plain");
     let (said, code) = bag!("recover", &file, "--out", &plain);
@@ -208,6 +207,7 @@ fn kill_a_recorder(number: usize) -> Duration {
 fn a_recorder_that_is_killed_loses_at_most_the_last_second() {
     for number in 0..KILLS {
         let lost = kill_a_recorder(number);
+        println!("killed recorder {number} lost {lost:?}");
         assert!(lost <= LOST_MAX, "{number}: {lost:?} lost");
     }
 }
@@ -307,7 +307,12 @@ fn bags_of_other_writers_are_checked_and_played() {
             let recorded: Vec<Vec<u8>> =
                 bag.messages(&Query::topic(index)).map(|message| message.unwrap().data[4..].to_vec()).collect();
             let heard = heard.lock().unwrap().get(topic.name.as_str()).cloned().unwrap_or_default();
-            assert!(heard == recorded, "{name} {}: {} of {COUNT} arrived", topic.name, heard.len());
+            // On the wire a body is filled up to a multiple of four bytes.
+            let same = |heard: &Vec<u8>, recorded: &Vec<u8>| {
+                heard.strip_prefix(&recorded[..]).is_some_and(|padding| padding.len() < 4)
+            };
+            let all_same = heard.iter().zip(&recorded).all(|(heard, recorded)| same(heard, recorded));
+            assert!(heard.len() == COUNT && all_same, "{name} {}: {} of {COUNT} arrived", topic.name, heard.len());
         }
     }
 }
