@@ -8,6 +8,8 @@ mod courier;
 mod cyclone;
 mod faults;
 mod interop;
+mod parameters;
+mod peers;
 mod system;
 mod tidy;
 mod wall_clock;

@@ -26,19 +26,32 @@ fn the_built_in_scenario_delivers_parts_the_right_way_up_and_without_slip() {
 
     let keys: BTreeSet<&str> = outcome.summary().as_object().unwrap().keys().map(String::as_str).collect();
     let agreed = [
+        "accepted",
         "delivered",
+        "delivered_per_minute",
+        "failed",
         "fed",
         "max_slip_m",
+        "parts_doubled",
+        "parts_lost",
+        "per_delivery_s",
+        "platen",
         "real_time_factor",
         "selected",
         "sim_s",
         "startup_s",
+        "succeeded",
         "wall_s",
         "wrong_pose_delivered",
     ];
     assert_eq!(keys, BTreeSet::from(agreed));
     let factor = outcome.number("sim_s") / outcome.number("wall_s");
     assert!((outcome.number("real_time_factor") - factor).abs() < 1e-9 * factor, "{}", outcome.summary());
+    let spent = outcome.summary()["per_delivery_s"].as_object().unwrap();
+    let parts = ["wait", "stop", "settle", "look", "reserve", "move", "pick", "return"];
+    let sum_s: f64 = parts.iter().map(|part| spent[*part].as_f64().unwrap()).sum();
+    // All the time since the first request, but for what the last phase has lasted, belongs to some delivery.
+    assert!(sum_s * outcome.number("delivered") > 50.0, "{}", outcome.summary());
     for row in ["parts fed", "parts delivered", "largest slip", "real-time factor"] {
         assert!(outcome.stdout.contains(row), "{}", outcome.stdout);
     }

@@ -10,10 +10,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, bail};
 use feeder_core::scenario::Scenario;
 use feeder_runtime::dds::{DiscoveryRange, Domain};
-use feeder_runtime::launch::{Seat, full_name};
+use feeder_runtime::launch::Seat;
 use feeder_runtime::lockstep::{LoopContract, RunError};
 
-use crate::table::NODES;
+use crate::table::placed;
 
 /// A node running in a thread of this process.
 pub(crate) type NodeThread = JoinHandle<Result<(), RunError>>;
@@ -28,13 +28,11 @@ impl Crew {
     /// Starts every node of the scenario in a thread.
     pub(crate) fn threads(seat: &impl Fn(&str) -> Seat, scenario: &Scenario) -> anyhow::Result<Self> {
         let mut threads = Vec::new();
-        for entry in NODES {
-            for namespace in (entry.namespaces)(scenario) {
-                let (seat, scenario, run) = (seat(&namespace), scenario.clone(), entry.run);
-                let thread = std::thread::Builder::new().name(entry.name.to_owned());
-                let thread = thread.spawn(move || run(&seat, &scenario))?;
-                threads.push((full_name(&namespace, entry.name), Some(thread)));
-            }
+        for placed in placed(scenario) {
+            let (seat, name) = (seat(&placed.namespace), placed.full_name());
+            let thread = std::thread::Builder::new().name(placed.entry.name.to_owned());
+            let thread = thread.spawn(move || (placed.entry.run)(&seat, &placed.scenario))?;
+            threads.push((name, Some(thread)));
         }
         Ok(Self::Threads(threads))
     }
@@ -48,36 +46,34 @@ impl Crew {
         digest_dir: Option<&Path>,
         record_to: Option<&Path>,
     ) -> anyhow::Result<Self> {
-        let scenario_file = work.join("scenario.yaml");
         let contract_file = work.join("contract.json");
-        std::fs::write(&scenario_file, scenario.to_yaml()?)?;
         std::fs::write(&contract_file, serde_json::to_vec(contract)?)?;
         let executable = std::env::current_exe().context("cannot find this executable")?;
         let (sender, lines) = channel();
         let mut children = Vec::new();
-        for entry in NODES {
-            for namespace in (entry.namespaces)(scenario) {
-                let mut command = Command::new(&executable);
-                command.args(["node", entry.name, "--namespace", &namespace]);
-                command.arg("--config").arg(&scenario_file).arg("--loop").arg(&contract_file);
-                if let Some(dir) = digest_dir {
-                    command.arg("--digest-dir").arg(dir);
-                }
-                if let Some(socket) = record_to {
-                    command.arg("--record-to").arg(socket);
-                }
-                export(domain, &mut command);
-                own_process_group(&mut command);
-                let name = full_name(&namespace, entry.name);
-                let mut child = command
-                    .stdin(Stdio::null())
-                    .stdout(Stdio::null())
-                    .stderr(Stdio::piped())
-                    .spawn()
-                    .with_context(|| format!("cannot start {name}"))?;
-                forward_lines(&mut child, &sender)?;
-                children.push((name, child));
+        for placed in placed(scenario) {
+            let scenario_file = work.join(format!("{}.yaml", placed.scenario.feeder));
+            std::fs::write(&scenario_file, placed.scenario.to_yaml()?)?;
+            let mut command = Command::new(&executable);
+            command.args(["node", placed.entry.name, "--namespace", &placed.namespace]);
+            command.arg("--config").arg(&scenario_file).arg("--loop").arg(&contract_file);
+            if let Some(dir) = digest_dir {
+                command.arg("--digest-dir").arg(dir);
             }
+            if let Some(socket) = record_to {
+                command.arg("--record-to").arg(socket);
+            }
+            export(domain, &mut command);
+            own_process_group(&mut command);
+            let name = placed.full_name();
+            let mut child = command
+                .stdin(Stdio::null())
+                .stdout(Stdio::null())
+                .stderr(Stdio::piped())
+                .spawn()
+                .with_context(|| format!("cannot start {name}"))?;
+            forward_lines(&mut child, &sender)?;
+            children.push((name, child));
         }
         Ok(Self::Processes { children, lines })
     }

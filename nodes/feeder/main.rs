@@ -2,10 +2,13 @@
 
 mod analysis;
 mod bag;
+mod compare;
 mod crew;
+mod graph_check;
 mod plan_move;
 mod recording;
 mod scenario_file;
+mod slip_study;
 mod summary;
 mod table;
 mod teach;
@@ -32,7 +35,10 @@ enum Command {
     Node(NodeArgs),
     Bag(bag::BagArgs),
     Teach(teach::TeachArgs),
+    GraphCheck(graph_check::Args),
     PlanMove(plan_move::Args),
+    SlipStudy(slip_study::Args),
+    ComparePlanners(compare::Args),
     FeedRate(analysis::feed_rate::Args),
     TrayMap(analysis::tray_map::Args),
     Figures(analysis::figures::Args),
@@ -55,17 +61,23 @@ struct NodeArgs {
 fn main() -> ExitCode {
     let outcome = match Cli::parse().command.unwrap_or_else(|| Command::Up(up::UpArgs::default())) {
         Command::Up(args) => {
-            feeder_runtime::start_logging(None);
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
             up::run(&args)
         }
         Command::Check(args) => scenario_file::check(&args),
         Command::Node(args) => return node(args),
         Command::Bag(args) => {
-            feeder_runtime::start_logging(None);
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
             return bag::run(&args);
         }
+        Command::GraphCheck(args) => graph_check::run(&args),
         Command::Teach(args) => teach::run(&args),
         Command::PlanMove(args) => plan_move::run(&args),
+        Command::SlipStudy(args) => slip_study::run(&args),
+        Command::ComparePlanners(args) => {
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
+            compare::run(&args)
+        }
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),
         Command::Figures(args) => analysis::figures::run(&args),

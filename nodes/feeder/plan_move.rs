@@ -22,8 +22,19 @@ enum Protect {
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(crate) struct Args {
     /// Distance, m.
-    #[arg(long, allow_negative_numbers = true)]
-    distance: f64,
+    #[arg(
+        long,
+        allow_negative_numbers = true,
+        required_unless_present = "sweep",
+        default_value_if("sweep", "true", "0.3")
+    )]
+    distance: Option<f64>,
+    /// Print a list: 20 to 600 mm at μ 0.15, 0.2 and 0.3.
+    #[arg(long, conflicts_with_all = ["distance", "mu"])]
+    sweep: bool,
+    /// How far the tray turns on the way, rad.
+    #[arg(long, allow_negative_numbers = true, default_value_t = 0.0)]
+    turn: f64,
     /// Coefficient of static friction between part and tray.
     #[arg(long, allow_negative_numbers = true, default_value_t = GentleParameters::default().friction)]
     mu: f64,
@@ -57,6 +68,8 @@ struct MoveFigures {
     jerk_bound_s: f64,
     /// Largest magnitude of acceleration of the planned move.
     peak_acceleration_m_s2: f64,
+    /// The duration over `jerk_bound_s`.
+    over_jerk_bound: f64,
 }
 
 /// Plans the move and prints its figures.
@@ -64,14 +77,27 @@ struct MoveFigures {
 /// # Errors
 /// An argument out of its range, or a move that cannot be planned.
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    println!("{}", serde_json::to_string_pretty(&figures(args)?)?);
+    if !args.sweep {
+        println!("{}", serde_json::to_string_pretty(&figures(args)?)?);
+        return Ok(());
+    }
+    let rows: Vec<MoveFigures> = sweep(args).collect::<Result<_, _>>()?;
+    println!("{}", serde_json::to_string_pretty(&rows)?);
     Ok(())
+}
+
+fn sweep(args: &Args) -> impl Iterator<Item = Result<MoveFigures, PlanError>> {
+    let distances_m = [0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6];
+    let args = *args;
+    [0.15, 0.2, 0.3].into_iter().flat_map(move |mu| {
+        distances_m.into_iter().map(move |distance_m| figures(&Args { distance: Some(distance_m), mu, ..args }))
+    })
 }
 
 fn figures(args: &Args) -> Result<MoveFigures, PlanError> {
     let tray = TrayGeometry::PAPER;
     let limits = CourierLimits::default();
-    let (distance_m, length_m) = (args.distance, limits.x_m_max - limits.x_m_min);
+    let (distance_m, length_m) = (args.distance.unwrap_or(f64::NAN), limits.x_m_max - limits.x_m_min);
     let within = distance_m > 0.0 && distance_m <= length_m;
     OutOfRange::unless(within, "--distance", distance_m, format_args!("0 < distance ≤ {length_m} m"))?;
     let (radius_m, inner_m, outer_m) = (args.ramp_radius, tray.inner_radius_m, tray.outer_radius_m);
@@ -92,7 +118,7 @@ fn figures(args: &Args) -> Result<MoveFigures, PlanError> {
         Protect::All => vec![half_way_up],
     };
     let from = Vector3::new(limits.x_m_max, 0.0, 0.0);
-    let to = Vector3::new(limits.x_m_max - distance_m, 0.0, 0.0);
+    let to = Vector3::new(limits.x_m_max - distance_m, 0.0, args.turn);
     let MovePlan { duration_s, bound_s, jerk_bound_s, peak_acceleration_m_s2, .. } =
         planner.plan(from, to, &protected)?;
     Ok(MoveFigures {
@@ -105,6 +131,7 @@ fn figures(args: &Args) -> Result<MoveFigures, PlanError> {
         bound_s,
         jerk_bound_s,
         peak_acceleration_m_s2,
+        over_jerk_bound: duration_s / jerk_bound_s,
     })
 }
 
@@ -113,7 +140,8 @@ mod tests {
     use super::*;
 
     fn args(distance: f64, mu: f64, policy: Protect) -> Args {
-        Args { distance, mu, jerk: 100.0, policy, ramp_radius: 0.09, friction_share: 0.97 }
+        let distance = Some(distance);
+        Args { distance, sweep: false, turn: 0.0, mu, jerk: 100.0, policy, ramp_radius: 0.09, friction_share: 0.97 }
     }
 
     #[test]
@@ -123,6 +151,15 @@ mod tests {
         assert!((flat.bound_s - 0.782).abs() < 5e-4 && (flat.jerk_bound_s - 0.802).abs() < 5e-4);
         assert!(flat.duration_s <= 1.03 * flat.jerk_bound_s && flat.duration_s <= 1.05 * flat.bound_s);
         assert!((figures(&args(0.3, 0.2, Protect::All)).unwrap().bound_s - 0.838).abs() < 5e-4);
+    }
+
+    #[test]
+    fn the_sweep_stays_near_its_bounds() {
+        for policy in [Protect::Selected, Protect::All] {
+            let rows: Vec<MoveFigures> = sweep(&args(0.0, 0.0, policy)).collect::<Result<_, _>>().unwrap();
+            assert_eq!(rows.len(), 24);
+            assert!(rows.iter().all(|row| row.over_jerk_bound <= 1.03), "{rows:?}");
+        }
     }
 
     #[test]

@@ -1,9 +1,10 @@
 //! How a run went, for people and for programs.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
 
-use run_monitor::Progress;
+use run_monitor::{Activity, Progress};
 use serde::Serialize;
 
 /// The outcome of a run. Counts and slip are by ground truth.
@@ -20,8 +21,24 @@ pub(crate) struct Summary {
     delivered: u32,
     /// Parts picked that lay in another pose than the wanted one.
     wrong_pose_delivered: u32,
-    /// Largest displacement in the tray frame of a delivered part between settled and picked, m.
-    max_slip_m: f64,
+    /// Largest displacement in the tray frame of a delivered part between settled and picked, m; null: not known.
+    max_slip_m: Option<f64>,
+    /// Parts picked per minute of simulated time.
+    pub(crate) delivered_per_minute: f64,
+    /// How a delivery's time was spent, s: all that the planners did but idle, over the parts picked; null without any.
+    per_delivery_s: Option<BTreeMap<&'static str, f64>>,
+    /// Deliveries accepted by the planners.
+    accepted: u32,
+    /// Deliveries that ended with the part taken.
+    succeeded: u32,
+    /// Deliveries that failed, by outcome.
+    failed: BTreeMap<&'static str, u32>,
+    /// Parts that vanished.
+    parts_lost: u32,
+    /// Parts picked twice.
+    parts_doubled: u32,
+    /// How couriers that share the platen kept apart; null: they do not.
+    platen: Option<Platen>,
     /// Simulated time, s.
     sim_s: f64,
     /// Wall time of the run without start-up, s.
@@ -32,21 +49,76 @@ pub(crate) struct Summary {
     real_time_factor: f64,
 }
 
+/// How couriers kept apart, from where they were in each tick.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct Platen {
+    /// Smallest distance between two couriers' centres, m; null with one courier.
+    couriers_closest_m: Option<f64>,
+    /// Ticks in which two couriers overlapped.
+    collisions: u32,
+    /// Ticks in which a courier reached out of the areas it held.
+    out_of_area: u32,
+}
+
+/// The outcomes of a delivery, in the order of their numbers in `DeliverPart`'s result.
+const OUTCOMES: [&str; 11] = [
+    "delivered",
+    "cancelled",
+    "timed_out",
+    "feeding_failed",
+    "no_image",
+    "move_failed",
+    "area_refused",
+    "part_lost",
+    "no_handover",
+    "not_taken",
+    "fault",
+];
+
 impl Summary {
-    pub(crate) fn new(progress: &Progress, ticks: u64, tick_ns: u64, startup: Duration, wall: Duration) -> Self {
+    pub(crate) fn new(
+        progress: &Progress,
+        is_shared: bool,
+        ticks: u64,
+        tick_ns: u64,
+        startup: Duration,
+        wall: Duration,
+    ) -> Self {
         let sim_s = Duration::from_nanos(ticks * tick_ns).as_secs_f64();
         let wall_s = wall.as_secs_f64();
+        let delivered = progress.delivered();
+        let rate = |count: f64, time_s: f64| if time_s > 0.0 { count / time_s } else { 0.0 };
+        let spent_s =
+            |activity| -> f64 { progress.feeders.iter().filter_map(|feeder| feeder.spent_s.get(&activity)).sum() };
+        let per_delivery =
+            Activity::OF_A_DELIVERY.map(|(activity, name)| (name, spent_s(activity) / f64::from(delivered)));
+        let failed = OUTCOMES.iter().enumerate().filter_map(|(index, name)| {
+            let count = progress.sum(|feeder| feeder.failed_by_outcome.get(index).copied().unwrap_or(0));
+            (count > 0).then_some((*name, count))
+        });
         Self {
-            fed: progress.fed,
-            seen: progress.seen.len(),
-            selected: progress.selected.len(),
-            delivered: progress.delivered,
-            wrong_pose_delivered: progress.wrong_pose_delivered,
-            max_slip_m: progress.max_slip_m,
+            fed: progress.sum(|feeder| feeder.fed),
+            seen: progress.seen(),
+            selected: progress.selected(),
+            delivered,
+            wrong_pose_delivered: progress.sum(|feeder| feeder.wrong_pose_delivered),
+            max_slip_m: progress.max_slip_m(),
+            delivered_per_minute: rate(60.0 * f64::from(delivered), sim_s),
+            per_delivery_s: (delivered > 0).then(|| per_delivery.into()),
+            accepted: progress.sum(|feeder| feeder.accepted),
+            succeeded: progress.sum(|feeder| feeder.succeeded),
+            failed: failed.collect(),
+            parts_lost: progress.sum(|feeder| feeder.parts_lost),
+            parts_doubled: progress.sum(|feeder| feeder.parts_doubled),
+            platen: is_shared.then_some(Platen {
+                couriers_closest_m: progress.couriers_closest_m,
+                collisions: progress.collisions,
+                out_of_area: progress.out_of_area,
+            }),
             sim_s,
             wall_s,
             startup_s: startup.as_secs_f64(),
-            real_time_factor: if wall_s > 0.0 { sim_s / wall_s } else { 0.0 },
+            real_time_factor: rate(sim_s, wall_s),
         }
     }
 
@@ -63,7 +135,24 @@ impl fmt::Display for Summary {
         row("distinct parts called right", self.selected.to_string())?;
         row("parts delivered", self.delivered.to_string())?;
         row("  of these in a wrong pose", self.wrong_pose_delivered.to_string())?;
-        row("largest slip of a delivered part", format!("{:.1} µm", self.max_slip_m * 1e6))?;
+        let slip = self.max_slip_m.map_or("not known".to_owned(), |slip_m| format!("{:.1} µm", slip_m * 1e6));
+        row("largest slip of a delivered part", slip)?;
+        row("parts delivered a minute", format!("{:.1}", self.delivered_per_minute))?;
+        for (_, name) in Activity::OF_A_DELIVERY {
+            if let Some(spent_s) = self.per_delivery_s.as_ref().and_then(|spent_s| spent_s.get(name)) {
+                row(&format!("  {name}, a delivery"), format!("{spent_s:.2} s"))?;
+            }
+        }
+        for (outcome, count) in &self.failed {
+            row(&format!("deliveries failed: {outcome}"), count.to_string())?;
+        }
+        if let Some(platen) = &self.platen {
+            if let Some(closest_m) = platen.couriers_closest_m {
+                row("closest distance of two couriers", format!("{:.1} mm", closest_m * 1e3))?;
+            }
+            row("ticks with couriers overlapping", platen.collisions.to_string())?;
+            row("ticks outside reserved areas", platen.out_of_area.to_string())?;
+        }
         row("simulated time", format!("{:.2} s", self.sim_s))?;
         row("wall time", format!("{:.2} s", self.wall_s))?;
         row("start-up", format!("{:.2} s", self.startup_s))?;

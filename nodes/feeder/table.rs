@@ -1,7 +1,9 @@
 //! The nodes this executable can be.
 
+use std::sync::Arc;
+
 use feeder_core::scenario::Scenario;
-use feeder_runtime::launch::{Recorded, Seat, interface, replay, run_in_loop};
+use feeder_runtime::launch::{Recorded, Seat, full_name, interface, replay, run_in_loop};
 use feeder_runtime::lockstep::{LoopContract, RunError};
 use feeder_runtime::node::{FeederNode, Interface, NodeError};
 
@@ -43,6 +45,35 @@ const fn entry<N: FeederNode<Config = Scenario>>() -> NodeEntry {
     }
 }
 
+/// A node of a run: what it is, where it lives, and the scenario as the feeder it belongs to sees it.
+pub(crate) struct Placed {
+    pub(crate) entry: &'static NodeEntry,
+    pub(crate) namespace: String,
+    pub(crate) scenario: Arc<Scenario>,
+}
+
+impl Placed {
+    pub(crate) fn full_name(&self) -> String {
+        full_name(&self.namespace, self.entry.name)
+    }
+}
+
+/// All nodes that a scenario asks for. What belongs to no feeder alone goes with the first.
+pub(crate) fn placed(scenario: &Scenario) -> Vec<Placed> {
+    let feeders: Vec<Arc<Scenario>> = scenario.of_each_feeder().into_iter().map(Arc::new).collect();
+    let mut placed: Vec<Placed> = Vec::new();
+    for entry in NODES {
+        for scenario in &feeders {
+            for namespace in (entry.namespaces)(scenario) {
+                if !placed.iter().any(|other| other.entry.name == entry.name && other.namespace == namespace) {
+                    placed.push(Placed { entry, namespace, scenario: Arc::clone(scenario) });
+                }
+            }
+        }
+    }
+    placed
+}
+
 /// Every node a scenario runs, in the order in which they are listed and started.
 pub(crate) const NODES: &[NodeEntry] = &[
     entry::<waveform_generator::WaveformGenerator>(),
@@ -51,4 +82,5 @@ pub(crate) const NODES: &[NodeEntry] = &[
     entry::<vision_selector::VisionSelector>(),
     entry::<delivery_planner::DeliveryPlanner>(),
     entry::<overhead_manipulator::OverheadManipulator>(),
+    entry::<platen_arbiter::PlatenArbiter>(),
 ];

@@ -17,7 +17,7 @@ use run_monitor::{Progress, RunMonitor};
 use crate::crew::{Crew, NodeThread};
 use crate::recording::{RecordOptions, Recording};
 use crate::summary::Summary;
-use crate::table::NODES;
+use crate::table::placed;
 use crate::view::View;
 
 /// How long nodes may take to appear and connect, wall time.
@@ -34,30 +34,33 @@ const BUSY_CHECK: Duration = Duration::from_millis(600);
 pub(crate) struct UpArgs {
     /// Scenario file (YAML); without it the built-in scenario runs
     #[arg(long, value_name = "FILE")]
-    scenario: Option<PathBuf>,
+    pub(crate) scenario: Option<PathBuf>,
     /// Simulated seconds per wall second: a positive number, or max
     #[arg(long, default_value = "max", value_parser = parse_speed, allow_negative_numbers = true, value_name = "1|N|max")]
-    speed: Speed,
+    pub(crate) speed: Speed,
     /// Seed of all random numbers, instead of the scenario's
     #[arg(long, allow_negative_numbers = true)]
-    seed: Option<u64>,
+    pub(crate) seed: Option<u64>,
     /// DDS domain, instead of ROS_DOMAIN_ID
     #[arg(long, value_parser = clap::value_parser!(u16).range(0..=232), allow_negative_numbers = true)]
-    domain: Option<u16>,
+    pub(crate) domain: Option<u16>,
     /// Simulated seconds to run, instead of the scenario's
     #[arg(long, allow_negative_numbers = true, value_name = "SECONDS")]
-    duration: Option<f64>,
+    pub(crate) duration: Option<f64>,
+    /// End when so many parts are delivered, instead of the scenario's goal
+    #[arg(long, value_name = "PARTS", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) goal: Option<u32>,
     /// All nodes in this process instead of one process each
     #[arg(long)]
-    composed: bool,
+    pub(crate) composed: bool,
     /// Write the summary to this file (JSON)
     #[arg(long, value_name = "FILE")]
-    summary: Option<PathBuf>,
+    pub(crate) summary: Option<PathBuf>,
     /// Write a fingerprint of every topic to this file
     #[arg(long, value_name = "FILE")]
-    digest: Option<PathBuf>,
+    pub(crate) digest: Option<PathBuf>,
     #[command(flatten)]
-    recording: RecordOptions,
+    pub(crate) recording: RecordOptions,
 }
 
 impl Default for UpArgs {
@@ -68,6 +71,7 @@ impl Default for UpArgs {
             seed: None,
             domain: None,
             duration: None,
+            goal: None,
             composed: false,
             summary: None,
             digest: None,
@@ -101,23 +105,44 @@ fn parse_speed(text: &str) -> Result<Speed, String> {
 
 /// Runs the scenario to its end.
 pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
-    let started = Instant::now();
     let scenario = load_scenario(args)?;
-    let domain = domain(args)?;
+    let stop = stop_on_signals()?;
+    let (summary, outcome) = execute(&scenario, args, &stop)?;
+    print!("{summary}");
+    if let Some(file) = &args.summary {
+        write(file, &summary.to_json()?)?;
+    }
+    outcome
+}
+
+/// A flag that is set when the user wants the run to end.
+pub(crate) fn stop_on_signals() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot listen for signals")?;
     }
-    let participant = Participant::open(&domain, &NodeName::new("/", "feeder_up")?)?;
-    refuse_busy_domain(&participant, &domain, &scenario, &stop)?;
+    Ok(stop)
+}
 
-    let contract = Arc::new(connect(&scenario)?);
+/// Runs a scenario as `args` say but for the scenario they name; says how it went as far as it came, and whether it came
+/// to its end.
+pub(crate) fn execute(
+    scenario: &Scenario,
+    args: &UpArgs,
+    stop: &AtomicBool,
+) -> anyhow::Result<(Summary, anyhow::Result<()>)> {
+    let started = Instant::now();
+    let domain = domain(args)?;
+    let participant = Participant::open(&domain, &NodeName::new("/", "feeder_up")?)?;
+    refuse_busy_domain(&participant, &domain, scenario, stop)?;
+
+    let contract = Arc::new(connect(scenario)?);
     let work = tempfile::tempdir().context("cannot make a temporary folder")?;
     let digests = work.path().join("digests");
     std::fs::create_dir(&digests)?;
     let digest_dir = args.digest.is_some().then(|| digests.clone());
     let progress = Arc::new(Mutex::new(Progress::default()));
-    let recording = Recording::start(&args.recording, work.path(), &contract, &scenario)?;
+    let recording = Recording::start(&args.recording, work.path(), &contract, scenario)?;
     let record_to = recording.as_ref().map(Recording::socket);
 
     let hub = args.composed.then(Hub::default);
@@ -131,11 +156,11 @@ pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
         record_to: record_to.map(Path::to_owned),
         stop: Arc::clone(&left_early),
     };
-    let monitor = start_monitor(&seat(&format!("/{}", scenario.feeder)), &scenario, Arc::clone(&progress))?;
+    let monitor = start_monitor(&seat(&format!("/{}", scenario.feeder)), scenario, Arc::clone(&progress))?;
     let mut crew = if args.composed {
-        Crew::threads(&seat, &scenario)?
+        Crew::threads(&seat, scenario)?
     } else {
-        Crew::processes(work.path(), &scenario, &contract, &domain, digest_dir.as_deref(), record_to)?
+        Crew::processes(work.path(), scenario, &contract, &domain, digest_dir.as_deref(), record_to)?
     };
 
     let end_tick = ticks(scenario.run.duration_s, contract.timing.tick_ns);
@@ -146,7 +171,7 @@ pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
         clock.record_to(socket, &contract).context("cannot record /clock")?;
     }
     let view = View::new(end_tick, contract.timing.tick_ns);
-    let result = clock.run(&stop, |tick| {
+    let result = clock.run(stop, |tick| {
         let now = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
         crew.for_each_line(|line| view.line(line));
         view.show(tick, &now);
@@ -167,33 +192,35 @@ pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
     let recorded = recording.map_or(Ok(()), |recording| recording.finish(tick));
 
     let progress = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    let summary =
-        Summary::new(&progress, tick, contract.timing.tick_ns, started_ticking - started, ended - started_ticking);
-    print!("{summary}");
-    if let Some(file) = &args.summary {
-        write(file, &summary.to_json()?)?;
-    }
-    // A recorder that fails ends the run: its reason comes first.
-    recorded?;
-    result.context("the run ended early")?;
-    told?;
-    left.context("the run reached its end, but not every node left well")?;
-    match monitored {
-        Ok(outcome) => outcome.context("the run monitor failed")?,
-        Err(_) => bail!("the run monitor panicked"),
-    }
-    if let Some(file) = &args.digest {
-        let lines = digest::merge(&digests).context("cannot merge the digests")?;
-        let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
-        write(file, &text)?;
-    }
-    Ok(())
+    let (startup, wall) = (started_ticking - started, ended - started_ticking);
+    let summary = Summary::new(&progress, scenario.is_arbitrated(), tick, contract.timing.tick_ns, startup, wall);
+    let outcome = || {
+        // A recorder that fails ends the run: its reason comes first.
+        recorded?;
+        result.context("the run ended early")?;
+        told?;
+        left.context("the run reached its end, but not every node left well")?;
+        match monitored {
+            Ok(outcome) => outcome.context("the run monitor failed")?,
+            Err(_) => bail!("the run monitor panicked"),
+        }
+        if let Some(file) = &args.digest {
+            let lines = digest::merge(&digests).context("cannot merge the digests")?;
+            let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
+            write(file, &text)?;
+        }
+        Ok(())
+    };
+    Ok((summary, outcome()))
 }
 
-fn load_scenario(args: &UpArgs) -> anyhow::Result<Scenario> {
+pub(crate) fn load_scenario(args: &UpArgs) -> anyhow::Result<Scenario> {
     let mut scenario = crate::scenario_file::load_taught(args.scenario.as_deref())?;
     if let Some(seed) = args.seed {
         scenario.seed = seed;
+    }
+    if args.goal.is_some() {
+        scenario.run.goal_delivered = args.goal;
     }
     if let Some(duration_s) = args.duration {
         scenario = scenario.with_duration_s(duration_s).context("--duration")?;
@@ -239,25 +266,28 @@ fn refuse_busy_domain(
     Ok(())
 }
 
-/// The loop of all nodes the scenario asks for, and of the monitor.
-pub(crate) fn connect(scenario: &Scenario) -> anyhow::Result<LoopContract> {
+/// All nodes the scenario asks for, and the monitor: full names and ports.
+pub(crate) fn interfaces(scenario: &Scenario) -> Vec<(String, Interface)> {
     let mut nodes: Vec<(String, Interface)> = Vec::new();
-    for entry in NODES {
-        for namespace in (entry.namespaces)(scenario) {
-            nodes.push((full_name(&namespace, entry.name), (entry.interface)(&namespace, scenario)));
-        }
+    for placed in placed(scenario) {
+        nodes.push((placed.full_name(), (placed.entry.interface)(&placed.namespace, &placed.scenario)));
     }
     for namespace in RunMonitor::namespaces(scenario) {
         let interface = feeder_runtime::launch::interface::<RunMonitor>(&namespace, scenario);
         nodes.push((full_name(&namespace, RunMonitor::NAME), interface));
     }
+    nodes
+}
+
+/// The loop of these nodes.
+pub(crate) fn connect(scenario: &Scenario) -> anyhow::Result<LoopContract> {
     let timing = LoopTiming {
         tick_ns: scenario.time.tick_ns(),
         forward_delay_ticks: scenario.time.forward_delay_ticks,
         feedback_delay_ticks: scenario.time.feedback_delay_ticks,
         window_ticks: scenario.time.window_ticks,
     };
-    Ok(LoopContract::connect(rand::random(), timing, &nodes)?)
+    Ok(LoopContract::connect(rand::random(), timing, &interfaces(scenario))?)
 }
 
 fn ticks(duration_s: f64, tick_ns: u64) -> u64 {

@@ -26,10 +26,10 @@ impl View {
         self.bar.set_position(tick);
         self.bar.set_message(format!(
             "{sim_s:.1} s simulated · fed {} · seen {} · selected {} · delivered {}",
-            progress.fed,
-            progress.seen.len(),
-            progress.selected.len(),
-            progress.delivered
+            progress.sum(|feeder| feeder.fed),
+            progress.seen(),
+            progress.selected(),
+            progress.delivered()
         ));
     }
 

@@ -16,6 +16,7 @@ pub mod manipulator;
 pub mod mechanics;
 pub mod motion;
 pub mod parts;
+pub mod platen;
 pub mod range;
 pub mod scenario;
 pub mod seed;

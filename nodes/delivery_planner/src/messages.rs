@@ -3,12 +3,16 @@
 use std::time::Duration;
 
 use feeder_core::courier::{AXES, Trajectory};
-use feeder_core::delivery::{Candidate, CandidateFrame, DeliveryId, Phase};
+use feeder_core::delivery::{Candidate, CandidateFrame, DeliveryId, Failure, LeaseAnswer, Phase};
+use feeder_core::platen::Area;
 use feeder_runtime::node::{ns_of_stamp, stamp_of_ns};
+use minifactory_msgs::action::DeliverPartResult;
 use minifactory_msgs::builtin_interfaces::msg::{Duration as DurationMessage, Time};
 use minifactory_msgs::control_msgs::action::FollowJointTrajectoryGoal;
 use minifactory_msgs::convert::yaw_of_quaternion;
-use minifactory_msgs::msg::DeliveryState;
+use minifactory_msgs::geometry_msgs::msg::Point;
+use minifactory_msgs::msg::{self, DeliveryState};
+use minifactory_msgs::srv::ReserveAreaResponse;
 use minifactory_msgs::trajectory_msgs::msg::JointTrajectoryPoint;
 use minifactory_msgs::vision_msgs::msg::Detection3DArray;
 use nalgebra::Vector2;
@@ -31,13 +35,45 @@ pub(crate) fn phase_number(phase: Phase) -> u8 {
     match phase {
         Phase::Idle => DeliveryState::IDLE,
         Phase::Feeding => DeliveryState::FEEDING,
-        // The courier has been told to stop; for others the parts are settling already.
-        Phase::Stopping | Phase::Settling => DeliveryState::SETTLING,
+        Phase::Stopping => DeliveryState::STOPPING,
+        Phase::Settling => DeliveryState::SETTLING,
         Phase::Looking => DeliveryState::LOOKING,
+        Phase::Reserving => DeliveryState::RESERVING,
         Phase::Moving => DeliveryState::MOVING,
         Phase::Presented => DeliveryState::PRESENTED,
         Phase::Returning => DeliveryState::RETURNING,
+        Phase::Purging => DeliveryState::PURGING,
         Phase::Fault => DeliveryState::FAULT,
+    }
+}
+
+/// The outcome that the result of an action names a failure by.
+pub(crate) fn outcome_number(failure: &Failure) -> u8 {
+    match failure {
+        Failure::Cancelled => DeliverPartResult::CANCELLED,
+        Failure::TimedOut(_) => DeliverPartResult::TIMED_OUT,
+        Failure::FeedRefused(_) | Failure::DidNotStop => DeliverPartResult::FEEDING_FAILED,
+        Failure::NoImage => DeliverPartResult::NO_IMAGE,
+        Failure::Plan(_) | Failure::Move(_) => DeliverPartResult::MOVE_FAILED,
+        Failure::Area(_) => DeliverPartResult::AREA_REFUSED,
+        Failure::PartLost(_) | Failure::DidNotArrive => DeliverPartResult::PART_LOST,
+        Failure::NoHandOver => DeliverPartResult::NO_HANDOVER,
+        Failure::NotTaken => DeliverPartResult::NOT_TAKEN,
+        Failure::Fault(_) => DeliverPartResult::FAULT,
+    }
+}
+
+/// An area as a message.
+pub(crate) fn area(area: &Area) -> msg::Area {
+    let points = area.points_m.iter().map(|point| Point { x: point.x, y: point.y, z: 0.0 }).collect();
+    msg::Area { points, radius_m: area.radius_m }
+}
+
+/// What the arbiter answered.
+pub(crate) fn lease_answer(response: ReserveAreaResponse) -> LeaseAnswer {
+    match response.result {
+        ReserveAreaResponse::GRANTED => Ok((response.lease_id, Duration::from_nanos(ns_of_stamp(&response.expires)))),
+        _ => Err(response.message),
     }
 }
 
@@ -56,6 +92,8 @@ pub(crate) fn candidate_frame(message: &Detection3DArray) -> CandidateFrame {
         let (part_class, pose_class) = best.hypothesis.class_id.split_once('/')?;
         let pose = &best.pose.pose;
         Some(Candidate {
+            id: detection.id.parse().unwrap_or(0),
+            radius_m: 0.5 * detection.bbox.size.x.max(detection.bbox.size.y),
             position_in_tray_m: Vector2::new(pose.position.x, pose.position.y),
             yaw_in_tray_rad: yaw_of_quaternion(&pose.orientation),
             part_class: part_class.to_owned(),
@@ -66,7 +104,11 @@ pub(crate) fn candidate_frame(message: &Detection3DArray) -> CandidateFrame {
             on_plateau: true,
         })
     });
-    CandidateFrame { stamp: Duration::from_nanos(ns_of_stamp(&message.header.stamp)), candidates: candidates.collect() }
+    CandidateFrame {
+        stamp: Duration::from_nanos(ns_of_stamp(&message.header.stamp)),
+        candidates: candidates.collect(),
+        seen: message.detections.len(),
+    }
 }
 
 /// Distance from an outline to the nearest other one, m; infinite when it is alone.

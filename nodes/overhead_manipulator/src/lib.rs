@@ -1,6 +1,7 @@
 //! A sample partner agent: an overhead (z, θ) manipulator that keeps asking a feeder for parts and picks them.
 //!
-//! It knows the feeder by its public interface alone: the action `deliver_part` and the service `report_handover`.
+//! It knows the feeders by their public interface alone: the action `deliver_part` and the service `report_handover`.
+//! Where a scenario names several feeders for a station, it asks them in turn.
 
 use std::time::Duration;
 
@@ -12,7 +13,7 @@ use feeder_runtime::node::{
     ActionClient, ActionClientPorts, CallId, Client, ClientEvent, Declare, FeederNode, GoalId, Latency, NodeError,
     Publisher, StepIo,
 };
-use minifactory_msgs::action::{DeliverPart, DeliverPartGoal};
+use minifactory_msgs::action::{DeliverPart, DeliverPartGoal, DeliverPartResult};
 use minifactory_msgs::convert::{planar_pose, quaternion_of_yaw, yaw_of_quaternion};
 use minifactory_msgs::geometry_msgs::msg::{Transform, TransformStamped, Vector3};
 use minifactory_msgs::msg::DeliveryState;
@@ -23,11 +24,23 @@ use minifactory_msgs::tf2_msgs::msg::TFMessage;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
-/// Handles of the manipulator's ports, and which station it stands at.
-pub struct Ports {
+/// What the manipulator uses of one feeder.
+struct FeederPorts {
     deliver: ActionClientPorts<DeliverPart>,
     pick: Client<Pick>,
     report: Client<ReportHandover>,
+}
+
+/// One feeder.
+struct Feeder {
+    deliver: ActionClient<DeliverPart>,
+    pick: Client<Pick>,
+    report: Client<ReportHandover>,
+}
+
+/// Handles of the manipulator's ports, and which station it stands at.
+pub struct Ports {
+    feeders: Vec<FeederPorts>,
     joint_states: Publisher<JointState>,
     tf_static: Publisher<TFMessage>,
     station: Option<Station>,
@@ -35,9 +48,9 @@ pub struct Ports {
 
 /// The manipulator.
 pub struct OverheadManipulator {
-    deliver: ActionClient<DeliverPart>,
-    pick: Client<Pick>,
-    report: Client<ReportHandover>,
+    feeders: Vec<Feeder>,
+    /// Index of the feeder asked last.
+    asked: usize,
     joint_states: Publisher<JointState>,
     tf_static: Publisher<TFMessage>,
     manipulator: Manipulator,
@@ -57,7 +70,8 @@ impl FeederNode for OverheadManipulator {
     type Ports = Ports;
 
     fn namespaces(config: &Scenario) -> Vec<String> {
-        config.stations.iter().map(|station| format!("/{}", station.name)).collect()
+        let manned = config.stations.iter().filter(|station| !station.external);
+        manned.map(|station| format!("/{}", station.name)).collect()
     }
 
     fn tick(config: &Scenario) -> Duration {
@@ -65,15 +79,18 @@ impl FeederNode for OverheadManipulator {
     }
 
     fn declare(io: &mut Declare, config: &Scenario) -> Ports {
-        let feeder = config.namespace();
         let here = io.namespace().trim_start_matches('/').to_owned();
+        let station = config.stations.iter().find(|station| station.name == here).cloned();
+        let feeders = station.iter().flat_map(|station| config.feeders_of(station)).map(|feeder| FeederPorts {
+            deliver: io.action_client(&format!("/{feeder}/deliver_part"), Latency::Feedback),
+            pick: io.client(&config.pick_service(&here, &feeder), Latency::Feedback),
+            report: io.client(&format!("/{feeder}/report_handover"), Latency::Feedback),
+        });
         Ports {
-            deliver: io.action_client(&format!("{feeder}/deliver_part"), Latency::Feedback),
-            pick: io.client("pick", Latency::Feedback),
-            report: io.client(&format!("{feeder}/report_handover"), Latency::Feedback),
+            feeders: feeders.collect(),
             joint_states: io.publisher("joint_states", Qos::command()),
             tf_static: io.publisher("/tf_static", Qos::latched()),
-            station: config.stations.iter().find(|station| station.name == here).cloned(),
+            station,
         }
     }
 
@@ -82,13 +99,18 @@ impl FeederNode for OverheadManipulator {
             let known: Vec<_> = config.stations.iter().map(|station| &station.name).collect();
             NodeError::new(format!("the namespace of a manipulator is the name of a station; known are {known:?}"))
         })?;
+        let feeders = ports.feeders.into_iter().map(|feeder| Feeder {
+            deliver: ActionClient::new(feeder.deliver),
+            pick: feeder.pick,
+            report: feeder.report,
+        });
+        let random = generator(config.seed, &format!("{}/pick", station.name));
         Ok(Self {
-            deliver: ActionClient::new(ports.deliver),
-            pick: ports.pick,
-            report: ports.report,
+            feeders: feeders.collect(),
+            asked: 0,
             joint_states: ports.joint_states,
             tf_static: ports.tf_static,
-            manipulator: Manipulator::new(station.manipulator).map_err(NodeError::new)?,
+            manipulator: Manipulator::new(station.manipulator, random).map_err(NodeError::new)?,
             part_class: config.part.name.clone(),
             pose_class: config.part.wanted_pose.clone(),
             plateau_height_m: config.tray.plateau_height_m(),
@@ -125,39 +147,44 @@ impl FeederNode for OverheadManipulator {
 impl OverheadManipulator {
     fn hear(&mut self, io: &mut StepIo) -> Vec<Event> {
         let mut events = Vec::new();
-        for event in self.deliver.poll(io) {
-            match event {
-                ClientEvent::Accepted(_) => events.push(Event::Accepted),
-                ClientEvent::Rejected(_) => events.push(Event::NoPart("the feeder refused the request".to_owned())),
-                ClientEvent::Feedback(id, feedback) => {
-                    if Some(id) == self.goal && feedback.phase == DeliveryState::PRESENTED && !self.presented {
-                        self.presented = true;
-                        let pose = feedback.part_in_station;
-                        events.push(Event::Presented(Presented {
-                            delivery_id: feedback.delivery_id,
-                            x_m: pose.position.x,
-                            y_m: pose.position.y,
-                            yaw_rad: yaw_of_quaternion(&pose.orientation),
-                        }));
+        for feeder in &mut self.feeders {
+            for event in feeder.deliver.poll(io) {
+                match event {
+                    ClientEvent::Accepted(_) => events.push(Event::Accepted),
+                    ClientEvent::Rejected(_) => {
+                        events.push(Event::NoPart("the feeder refused the request".to_owned()));
                     }
-                }
-                ClientEvent::Finished(id, _, result) => {
-                    if Some(id) == self.goal && !result.success {
-                        tracing::warn!("no part: {}", result.reason);
-                        events.push(Event::NoPart(result.reason));
+                    ClientEvent::Lost(_) => events.push(Event::NoPart("the feeder does not answer".to_owned())),
+                    ClientEvent::Feedback(id, feedback) => {
+                        if Some(id) == self.goal && feedback.phase == DeliveryState::PRESENTED && !self.presented {
+                            self.presented = true;
+                            let pose = feedback.part_in_station;
+                            events.push(Event::Presented(Presented {
+                                delivery_id: feedback.delivery_id,
+                                x_m: pose.position.x,
+                                y_m: pose.position.y,
+                                yaw_rad: yaw_of_quaternion(&pose.orientation),
+                            }));
+                        }
+                    }
+                    ClientEvent::Finished(id, _, result) => {
+                        if Some(id) == self.goal && result.outcome != DeliverPartResult::DELIVERED {
+                            tracing::warn!("no part: {}", result.reason);
+                            events.push(Event::NoPart(result.reason));
+                        }
                     }
                 }
             }
-        }
-        for (call, response) in io.replies(&self.pick) {
-            if self.gripping == Some(call) {
-                self.gripping = None;
-                events.push(Event::Gripped(if response.picked { Ok(()) } else { Err(response.message) }));
+            for (call, response) in io.replies(&feeder.pick) {
+                if self.gripping == Some(call) {
+                    self.gripping = None;
+                    events.push(Event::Gripped(if response.picked { Ok(()) } else { Err(response.message) }));
+                }
             }
-        }
-        for (_, response) in io.replies(&self.report) {
-            if !response.accepted {
-                tracing::warn!("the feeder did not accept the report: {}", response.message);
+            for (_, response) in io.replies(&feeder.report) {
+                if !response.accepted {
+                    tracing::warn!("the feeder did not accept the report: {}", response.message);
+                }
             }
         }
         events
@@ -167,6 +194,7 @@ impl OverheadManipulator {
         let config = &self.station.manipulator;
         match action {
             Action::Request => {
+                self.asked = (self.asked + 1) % self.feeders.len();
                 let id = GoalId(self.random.random());
                 self.goal = Some(id);
                 self.presented = false;
@@ -177,26 +205,33 @@ impl OverheadManipulator {
                     tolerance_m: config.tolerance_m,
                     timeout_s: config.timeout_s,
                 };
-                self.deliver.send(io, id, goal);
+                self.feeders[self.asked].deliver.send(io, id, goal);
             }
-            Action::Grip { z_m, theta_rad } => {
-                let height_m = self.plateau_height_m + z_m;
+            Action::Grip { x_m, y_m, z_m, theta_rad } => {
+                let (x_m, y_m) = (self.station.x_m + x_m, self.station.y_m + y_m);
                 let request = PickRequest {
                     station: self.station.name.clone(),
-                    tool_in_platen: planar_pose(self.station.x_m, self.station.y_m, height_m, theta_rad),
+                    tool_in_platen: planar_pose(x_m, y_m, self.plateau_height_m + z_m, theta_rad),
                     gripper_opening_m: config.gripper_opening_m,
                 };
-                let call = io.call(&self.pick, &request);
-                self.gripping = Some(call);
+                self.gripping = Some(io.call(&self.feeders[self.asked].pick, &request));
             }
             Action::Report { delivery_id, taken } => {
-                let (taken, message) = match taken {
-                    Ok(()) => (true, String::new()),
-                    Err(message) => (false, message),
+                let (report, message) = match taken {
+                    Ok(()) => (ReportHandoverRequest::TAKEN, String::new()),
+                    Err(message) => (ReportHandoverRequest::NOT_TAKEN, message),
                 };
-                io.call(&self.report, &ReportHandoverRequest { delivery_id, taken, message });
+                self.report(io, ReportHandoverRequest { delivery_id, report, message });
+            }
+            Action::Release { delivery_id } => {
+                let report = ReportHandoverRequest::RELEASED;
+                self.report(io, ReportHandoverRequest { delivery_id, report, message: String::new() });
             }
         }
+    }
+
+    fn report(&self, io: &mut StepIo, request: ReportHandoverRequest) {
+        io.call(&self.feeders[self.asked].report, &request);
     }
 
     /// The tool frame: where the axis meets the height of the plateau.

@@ -18,12 +18,15 @@ use minifactory_msgs::convert::planar_isometry;
 use minifactory_msgs::msg::{PartState, PartStates, PickEvent, TrayMotion};
 use minifactory_msgs::srv::{LoadParts, LoadPartsResponse, Pick, PickRequest, PickResponse};
 use minifactory_msgs::std_msgs::msg::Header;
-use nalgebra::{Isometry2, Point2};
+use nalgebra::{Isometry2, Point2, Vector2};
 
 use camera::Camera;
 
 /// Largest height of a tool above the plateau at which its gripper reaches a part, m.
 const GRIP_HEIGHT_M: f64 = 0.002;
+
+/// Distance of the tray from the feeding place up to which the hopper's parts fall onto it, m.
+const HOPPER_M: f64 = 1e-3;
 
 /// Handles of the simulator's ports.
 pub struct Ports {
@@ -45,6 +48,8 @@ pub struct PartSimulator {
     platen_from_tray: Isometry2<f64>,
     /// When the motion known so far ends, ns.
     known_until_ns: u64,
+    /// Where the hopper is, and below how many parts it adds some.
+    hopper: (Vector2<f64>, usize),
 }
 
 impl FeederNode for PartSimulator {
@@ -64,7 +69,12 @@ impl FeederNode for PartSimulator {
         Ports {
             motion: io.subscriber("tray_motion", Latency::Forward, Qos::command()),
             load: io.server("load_parts"),
-            picks: config.stations.iter().map(|station| io.server(&format!("/{}/pick", station.name))).collect(),
+            picks: config
+                .stations
+                .iter()
+                .filter(|station| config.feeders_of(station).contains(&config.feeder))
+                .map(|station| io.server(&config.pick_service(&station.name, &config.feeder)))
+                .collect(),
             parts: io.publisher("parts", Qos::sensor()),
             events: io.publisher("picks", Qos::command()),
             camera: camera::Ports::declare(io),
@@ -89,6 +99,7 @@ impl FeederNode for PartSimulator {
             plateau_height_m: config.tray.plateau_height_m(),
             platen_from_tray: Isometry2::new(start.xy(), start.z),
             known_until_ns: 0,
+            hopper: (config.delivery.feeding_place.xy(), usize::try_from(config.refill_below).map_err(NodeError::new)?),
         })
     }
 
@@ -96,6 +107,7 @@ impl FeederNode for PartSimulator {
         for message in io.take(&self.ports.motion) {
             self.move_parts(&message)?;
         }
+        self.refill();
         for (asker, request) in io.requests(&self.ports.load) {
             let response = self.load(request.count);
             io.reply(&self.ports.load, asker, &response);
@@ -125,6 +137,15 @@ impl PartSimulator {
         let length_ns = (block.sample_period_s * block.samples.len() as f64 * 1e9).round() as u64;
         self.known_until_ns = ns_of_stamp(&message.header.stamp) + length_ns;
         Ok(())
+    }
+
+    /// Adds a part while too few are left and the tray stands under the hopper.
+    fn refill(&mut self) {
+        let (place_m, least) = self.hopper;
+        let away_m = (self.platen_from_tray.translation.vector - place_m).norm();
+        if self.bulk.parts().len() < least && away_m < HOPPER_M {
+            self.bulk.load(1);
+        }
     }
 
     fn load(&mut self, count: u32) -> LoadPartsResponse {

@@ -1,58 +1,35 @@
 //! The run monitor: scores a run against ground truth. It is the only node besides viewers that hears the truth, and
-//! nobody in the feeder hears what it finds.
+//! nobody in the feeders hears what it finds.
 
+mod feeder;
+mod platen;
+mod progress;
 mod truth;
 
-use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use feeder_core::scenario::Scenario;
-use feeder_runtime::dds::Qos;
-use feeder_runtime::node::{Declare, FeederNode, Latency, NodeError, Publisher, StepIo, Subscriber, ns_of_stamp};
-use minifactory_msgs::msg::{DeliveryState, PartStates, PickEvent, RunProgress};
-use minifactory_msgs::vision_msgs::msg::Detection3DArray;
-use nalgebra::Vector2;
+use feeder_runtime::node::{Declare, FeederNode, NodeError, StepIo};
 
-use truth::Truth;
+use feeder::FeederMonitor;
+use platen::PlatenMonitor;
+pub use progress::{Activity, FeederProgress, Progress};
 
 /// Ticks between progress messages.
 const PROGRESS_TICKS: u64 = 10;
 
-/// How a run has gone so far.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Progress {
-    /// Entries to the plateau.
-    pub fed: u32,
-    /// Parts that the selector saw.
-    pub seen: BTreeSet<u32>,
-    /// Parts that the selector called right.
-    pub selected: BTreeSet<u32>,
-    /// Parts picked.
-    pub delivered: u32,
-    /// Parts picked in another pose than the wanted one.
-    pub wrong_pose_delivered: u32,
-    /// Largest displacement in the tray frame of a delivered part between settled and picked, m.
-    pub max_slip_m: f64,
-}
-
 /// Handles of the monitor's ports.
 pub struct Ports {
-    parts: Subscriber<PartStates>,
-    candidates: Subscriber<Detection3DArray>,
-    delivery: Subscriber<DeliveryState>,
-    picks: Subscriber<PickEvent>,
-    progress: Publisher<RunProgress>,
+    feeders: Vec<(String, feeder::Ports)>,
+    platen: Option<platen::Ports>,
 }
 
-/// The run monitor.
+/// The run monitor: one for all feeders of a run, in the namespace of the first.
 pub struct RunMonitor {
-    ports: Ports,
-    wanted_class: String,
-    wanted_pose: u8,
-    part_radius_m: f64,
+    feeders: Vec<FeederMonitor>,
+    platen: Option<PlatenMonitor>,
     goal_delivered: Option<u32>,
-    truth: Truth,
     progress: Progress,
     shown: Option<Arc<Mutex<Progress>>>,
 }
@@ -70,14 +47,9 @@ impl FeederNode for RunMonitor {
         Duration::from_nanos(config.time.tick_ns())
     }
 
-    fn declare(io: &mut Declare, _: &Scenario) -> Ports {
-        Ports {
-            parts: io.subscriber("parts", Latency::Forward, Qos::sensor()),
-            candidates: io.subscriber("candidates", Latency::Forward, Qos::command()),
-            delivery: io.subscriber("delivery_state", Latency::Forward, Qos::command()),
-            picks: io.subscriber("picks", Latency::Forward, Qos::command()),
-            progress: io.publisher("progress", Qos::command()),
-        }
+    fn declare(io: &mut Declare, config: &Scenario) -> Ports {
+        let feeders = config.feeder_names().map(|name| (name.to_owned(), feeder::Ports::declare(io, name)));
+        Ports { feeders: feeders.collect(), platen: platen::Ports::declare(io, config) }
     }
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
@@ -85,26 +57,24 @@ impl FeederNode for RunMonitor {
     }
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
-        for message in io.take(&self.ports.parts) {
-            self.progress.fed = message.fed;
-            self.truth.learn(&message);
+        for feeder in &mut self.feeders {
+            feeder.hear(io);
         }
-        for message in io.take(&self.ports.candidates) {
-            self.score_candidates(&message);
-        }
-        for message in io.take(&self.ports.delivery) {
-            self.truth.settle(ns_of_stamp(&message.look_stamp));
-        }
-        for event in io.take(&self.ports.picks) {
-            self.score_pick(&event);
+        if let Some(platen) = &mut self.platen {
+            platen.watch(io, &mut self.progress);
         }
         if let Some(shown) = &self.shown {
+            self.progress.feeders.clear();
+            self.progress.feeders.extend(self.feeders.iter().map(|feeder| feeder.progress.clone()));
             shown.lock().unwrap_or_else(PoisonError::into_inner).clone_from(&self.progress);
         }
         if io.tick().is_multiple_of(PROGRESS_TICKS) {
-            io.publish(&self.ports.progress, &self.message(io));
+            for feeder in &self.feeders {
+                feeder.publish(io);
+            }
         }
-        if self.goal_delivered.is_some_and(|goal| self.progress.delivered >= goal) {
+        let delivered: u32 = self.feeders.iter().map(|feeder| feeder.progress.delivered).sum();
+        if self.goal_delivered.is_some_and(|goal| delivered >= goal) {
             io.reach_goal();
         }
         Ok(())
@@ -119,50 +89,13 @@ impl RunMonitor {
     }
 
     fn new(ports: Ports, config: &Scenario) -> Self {
+        let feeders = ports.feeders.into_iter().map(|(name, ports)| FeederMonitor::new(ports, &name, config));
         Self {
-            ports,
-            wanted_class: format!("{}/{}", config.part.name, config.part.wanted_pose),
-            wanted_pose: u8::try_from(config.part.wanted_pose_index()).unwrap_or(u8::MAX),
-            part_radius_m: config.part.radius_m(),
+            feeders: feeders.collect(),
+            platen: ports.platen.map(|ports| PlatenMonitor::new(ports, config)),
             goal_delivered: config.run.goal_delivered,
-            truth: Truth::default(),
             progress: Progress::default(),
             shown: None,
-        }
-    }
-
-    /// Finds out which parts the selector meant, by where they were when the picture was taken.
-    fn score_candidates(&mut self, message: &Detection3DArray) {
-        let stamp_ns = ns_of_stamp(&message.header.stamp);
-        for detection in &message.detections {
-            let center = &detection.bbox.center.position;
-            let center = Vector2::new(center.x, center.y);
-            let Some(id) = self.truth.part_at(stamp_ns, &center, self.part_radius_m) else { continue };
-            self.progress.seen.insert(id);
-            if detection.results.iter().any(|result| result.hypothesis.class_id == self.wanted_class) {
-                self.progress.selected.insert(id);
-            }
-        }
-    }
-
-    fn score_pick(&mut self, event: &PickEvent) {
-        if event.picked {
-            self.progress.delivered += 1;
-            self.progress.wrong_pose_delivered += u32::from(event.resting_pose != self.wanted_pose);
-            self.progress.max_slip_m = self.truth.slip_m(event.part_id).max(self.progress.max_slip_m);
-        }
-    }
-
-    fn message(&self, io: &StepIo) -> RunProgress {
-        let count = |set: &BTreeSet<u32>| u32::try_from(set.len()).unwrap_or(u32::MAX);
-        RunProgress {
-            header: io.header(""),
-            fed: self.progress.fed,
-            seen: count(&self.progress.seen),
-            selected: count(&self.progress.selected),
-            delivered: self.progress.delivered,
-            wrong_pose_delivered: self.progress.wrong_pose_delivered,
-            max_slip_m: self.progress.max_slip_m,
         }
     }
 }

@@ -7,8 +7,8 @@ use minifactory_msgs::msg::{PartState, PartStates};
 use nalgebra::Vector2;
 
 /// How far back places are remembered, in messages of one tick each. A choice becomes known when the part is presented,
-/// so this must be longer than the longest move and settling.
-const MEMORY: usize = 1000;
+/// so this must be longer than the longest trip.
+const MEMORY: usize = 4000;
 
 /// Places in the tray frame by part, m.
 type Places = BTreeMap<u32, Vector2<f64>>;
@@ -64,9 +64,9 @@ impl Truth {
         self.settled = Some(settled);
     }
 
-    /// Largest displacement of a part since the last choice, m.
-    pub(crate) fn slip_m(&self, id: u32) -> f64 {
-        self.settled.as_ref().and_then(|settled| settled.slips_m.get(&id)).copied().unwrap_or(0.0)
+    /// Largest displacement of a part since the last choice, m; nothing for a part that was not there then.
+    pub(crate) fn slip_m(&self, id: u32) -> Option<f64> {
+        self.settled.as_ref().and_then(|settled| settled.slips_m.get(&id)).copied()
     }
 }
 
@@ -107,11 +107,11 @@ mod tests {
             truth.learn(&states(stamp_ns, &[radius_m]));
         }
         truth.settle(20);
-        assert!((truth.slip_m(0) - 0.0003).abs() < 1e-12);
+        assert!((truth.slip_m(0).unwrap() - 0.0003).abs() < 1e-12);
         truth.learn(&states(50, &[0.0806]));
         truth.settle(20);
-        assert!((truth.slip_m(0) - 0.0006).abs() < 1e-12);
-        assert!(truth.slip_m(7).abs() < 1e-12);
+        assert!((truth.slip_m(0).unwrap() - 0.0006).abs() < 1e-12);
+        assert_eq!(truth.slip_m(7), None);
     }
 
     #[test]

@@ -110,6 +110,13 @@ impl CameraModel {
         Ok(())
     }
 
+    /// The same camera above another place of the platen.
+    #[must_use]
+    pub fn shifted(&self, x_m: f64, y_m: f64) -> Self {
+        let pose = CameraPose { x_m: self.pose.x_m + x_m, y_m: self.pose.y_m + y_m, ..self.pose };
+        Self { pose, ..self.clone() }
+    }
+
     /// Image width, px.
     #[must_use]
     pub fn width_px(&self) -> u32 {

@@ -1,13 +1,15 @@
 //! What a delivery planner is set up with.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::plan::GentleParameters;
+use super::surroundings::{Surroundings, Tether};
 use crate::courier::check_range;
+use crate::platen::Area;
 use crate::range::OutOfRange;
 
 /// Which parts a move must not disturb.
@@ -21,6 +23,40 @@ pub enum Policy {
     All,
 }
 
+/// How a planner decides and moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Strategy {
+    /// Predicts, serves several stations on a trip where that pays, waits no longer than needed, moves at the limit.
+    #[default]
+    Optimal,
+    /// What one would write first, to compare with: one part a trip in the order of the requests, fixed waits, a
+    /// trapezoid of speed at half of what friction holds.
+    Naive,
+}
+
+/// The fixed values of [`Strategy::Naive`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct NaiveParameters {
+    /// Feeding before each look, s.
+    pub feed_s: f64,
+    /// Wait for the vibration to end, s.
+    pub stop_s: f64,
+    /// Wait for parts to come to rest, s.
+    pub settle_s: f64,
+    /// Share of the acceleration that friction holds which is used.
+    pub friction_share: f64,
+    /// Jerk, m/s³: so large that the speed is a trapezoid.
+    pub jerk_m_s3_max: f64,
+}
+
+impl Default for NaiveParameters {
+    fn default() -> Self {
+        Self { feed_s: 2.0, stop_s: 0.5, settle_s: 0.5, friction_share: 0.5, jerk_m_s3_max: 1e4 }
+    }
+}
+
 /// A delivery planner's parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -29,6 +65,28 @@ pub struct DeliveryConfig {
     pub feeding_place: Vector3<f64>,
     /// Where each station's tool axis meets the platen's plane, by the station's name, m.
     pub stations_m: BTreeMap<String, Vector2<f64>>,
+    /// Stations that the feeder's camera sees: parts are looked at again there.
+    #[serde(skip)]
+    pub rechecked_stations: BTreeSet<String>,
+    /// Areas that no part of the courier may enter; the scenario's.
+    #[serde(skip)]
+    pub keep_out: Vec<Area>,
+    /// Areas of the platen must be reserved for every trip; the scenario says so.
+    #[serde(skip)]
+    pub arbitrated: bool,
+    /// Radius of a disc about the courier's centre that covers courier and tray, m.
+    pub footprint_radius_m: f64,
+    /// How far the courier may cut the corners of its route, m.
+    pub corner_m: f64,
+    /// The courier's cable, if that is short enough to matter.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tether: Option<Tether>,
+    /// How the planner decides and moves.
+    pub strategy: Strategy,
+    /// Fixed values of the naive strategy.
+    pub naive: NaiveParameters,
+    /// Most stations served on one trip.
+    pub stops_max: u32,
     /// How gently parts are carried.
     pub gentle: GentleParameters,
     /// Which parts a move must not disturb.
@@ -55,7 +113,12 @@ pub struct DeliveryConfig {
     pub look_timeout_s: f64,
     /// Longest time a move may take beyond its duration, s.
     pub move_grace_s: f64,
-    /// Longest wait for the manipulator's report, s.
+    /// Time between the order to stop and rest during which parts move on as while feeding, s: what the first prediction
+    /// takes; later ones take what was seen.
+    pub stop_drift_s: f64,
+    /// Longest wait for an area of the platen, s.
+    pub area_wait_s: f64,
+    /// Longest wait for each of the manipulator's reports, s.
     pub hand_over_timeout_s: f64,
     /// Wait before a failed return is tried again, s.
     pub retry_s: f64,
@@ -68,6 +131,15 @@ impl Default for DeliveryConfig {
         Self {
             feeding_place: Vector3::zeros(),
             stations_m: BTreeMap::new(),
+            rechecked_stations: BTreeSet::new(),
+            keep_out: Vec::new(),
+            arbitrated: false,
+            footprint_radius_m: Surroundings::default().footprint_radius_m,
+            corner_m: Surroundings::default().corner_m,
+            tether: None,
+            strategy: Strategy::default(),
+            naive: NaiveParameters::default(),
+            stops_max: 4,
             gentle: GentleParameters::default(),
             policy: Policy::default(),
             protected_ramp_radius_m: 0.06,
@@ -81,6 +153,8 @@ impl Default for DeliveryConfig {
             stop_timeout_s: 3.0,
             look_timeout_s: 2.0,
             move_grace_s: 2.0,
+            stop_drift_s: 0.3,
+            area_wait_s: 60.0,
             hand_over_timeout_s: 10.0,
             retry_s: 1.0,
             retries_max: 3,
@@ -112,12 +186,48 @@ impl DeliveryConfig {
         check_range("stop_timeout_s", self.stop_timeout_s, 0.1, 60.0)?;
         check_range("look_timeout_s", self.look_timeout_s, 0.1, 60.0)?;
         check_range("move_grace_s", self.move_grace_s, 0.1, 60.0)?;
+        self.surroundings().validate()?;
+        check_range("naive.feed_s", self.naive.feed_s, 0.0, 60.0)?;
+        check_range("naive.stop_s", self.naive.stop_s, 0.0, 60.0)?;
+        check_range("naive.settle_s", self.naive.settle_s, 0.0, 60.0)?;
+        check_range("naive.friction_share", self.naive.friction_share, 0.05, 2.0)?;
+        check_range("naive.jerk_m_s3_max", self.naive.jerk_m_s3_max, 1.0, 1e4)?;
+        check_range("stops_max", f64::from(self.stops_max), 1.0, 4.0)?;
+        check_range("stop_drift_s", self.stop_drift_s, 0.0, 5.0)?;
+        check_range("area_wait_s", self.area_wait_s, 0.0, 3600.0)?;
         check_range("hand_over_timeout_s", self.hand_over_timeout_s, 0.1, 3600.0)?;
         check_range("retry_s", self.retry_s, 0.01, 60.0)?;
         check_range("retries_max", f64::from(self.retries_max), 0.0, 100.0)
     }
 
-    pub(crate) fn settle(&self) -> Duration {
-        Duration::from_secs_f64(self.settle_s)
+    /// What is around the courier.
+    #[must_use]
+    pub fn surroundings(&self) -> Surroundings {
+        Surroundings {
+            footprint_radius_m: self.footprint_radius_m,
+            corner_m: self.corner_m,
+            keep_out: self.keep_out.clone(),
+            tether: self.tether,
+        }
+    }
+
+    /// How gently parts are carried by the strategy chosen.
+    #[must_use]
+    pub fn gentle(&self) -> GentleParameters {
+        match self.strategy {
+            Strategy::Optimal => self.gentle,
+            Strategy::Naive => GentleParameters {
+                friction_share: self.naive.friction_share,
+                jerk_m_s3_max: self.naive.jerk_m_s3_max,
+                ..self.gentle
+            },
+        }
+    }
+
+    pub(super) fn settle(&self) -> Duration {
+        Duration::from_secs_f64(match self.strategy {
+            Strategy::Optimal => self.settle_s,
+            Strategy::Naive => self.naive.settle_s,
+        })
     }
 }

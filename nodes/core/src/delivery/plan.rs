@@ -5,7 +5,9 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::hold::holding_acceleration_m_s2;
+use super::legs::{Leg, Motion};
 use super::profile::{LineLimits, Profile};
+use super::surroundings::Surroundings;
 use crate::courier::{CourierLimits, Load, Trajectory, TrajectoryPoint, check_range};
 use crate::gravity::STANDARD_GRAVITY_M_S2;
 use crate::range::OutOfRange;
@@ -57,11 +59,31 @@ pub enum PlanError {
         /// The distance, m.
         distance_m: f64,
     },
-    /// A move that turns the tray.
-    #[error("the yaw would change by {change_rad} rad, but moves keep it")]
-    Yaw {
-        /// The change asked for, rad.
-        change_rad: f64,
+    /// The tether is too short.
+    #[error("the tether would have to be {needed_m:.4} m long, but is {length_m} m")]
+    Tether {
+        /// Distance from where it is fixed, m.
+        needed_m: f64,
+        /// Its length, m.
+        length_m: f64,
+    },
+    /// The courier would stand in a keep-out area.
+    #[error("at ({x_m:.4}, {y_m:.4}) m the courier would reach into keep-out area {index}")]
+    KeepOut {
+        /// Number of the area, from 0.
+        index: usize,
+        /// Where the courier's centre would be, m.
+        x_m: f64,
+        /// Where the courier's centre would be, m.
+        y_m: f64,
+    },
+    /// Keep-out areas and bounds leave no way.
+    #[error("no way leads from {from_m:?} m to {to_m:?} m round the keep-out areas")]
+    NoRoute {
+        /// Start.
+        from_m: [f64; 2],
+        /// End.
+        to_m: [f64; 2],
     },
     /// A part that slides even on a courier at rest.
     #[error("friction {friction} does not hold the part at ({x_m:.4}, {y_m:.4}) m in the tray even at rest")]
@@ -75,22 +97,25 @@ pub enum PlanError {
     },
 }
 
-/// A straight move from rest to rest.
+/// A move from rest to rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MovePlan {
     /// Where it begins: x, y (m) and yaw (rad) on the platen.
     pub from: Vector3<f64>,
     /// Where it ends.
     pub to: Vector3<f64>,
+    /// The polyline it keeps to, but for its corners, m.
+    pub route_m: Vec<Vector2<f64>>,
     /// How long it takes, s.
     pub duration_s: f64,
-    /// What friction alone would allow: √(2d (1/A₁ + 1/A₂)) with the holding acceleration A₁ and braking A₂, s.
+    /// What friction alone would allow on the straight way: √(2d (1/A₁ + 1/A₂)) with the holding acceleration A₁ and
+    /// braking A₂, s.
     pub bound_s: f64,
     /// The same with the jerk limited, s.
     pub jerk_bound_s: f64,
-    /// Largest magnitude of acceleration, m/s².
+    /// Largest magnitude of translational acceleration, m/s².
     pub peak_acceleration_m_s2: f64,
-    profile: Profile,
+    points: Vec<TrajectoryPoint>,
 }
 
 impl MovePlan {
@@ -98,37 +123,38 @@ impl MovePlan {
     /// move exactly.
     #[must_use]
     pub fn trajectory(&self) -> Trajectory {
-        let step = self.to - self.from;
-        let direction = step / step.norm();
-        let points = self
-            .profile
-            .knots
-            .iter()
-            .map(|knot| TrajectoryPoint {
-                time_s: knot.time_s,
-                position: self.from + direction * knot.distance_m,
-                velocity: Some(direction * knot.speed_m_s),
-                acceleration: Some(direction * knot.acceleration_m_s2),
-            })
-            .collect();
-        Trajectory { points }
+        Trajectory { points: self.points.clone() }
     }
 }
 
-/// Plans moves for one feeder: one tray, one courier, one kind of contact.
+/// What friction, motor and vibration-free tracking allow along a straight leg, in terms of its length.
 #[derive(Clone, Copy, Debug)]
+struct Held {
+    /// Acceleration along the leg at which every part is held, m/s².
+    speeding_m_s2: f64,
+    /// The same for braking.
+    braking_m_s2: f64,
+    /// Speed along the leg that leaves at least half of the friction beside the centripetal acceleration, m/s.
+    speed_m_s: f64,
+    /// Share of the friction that the centripetal acceleration leaves.
+    left: f64,
+}
+
+/// Plans moves for one feeder: one tray, one courier, one kind of contact.
+#[derive(Clone, Debug)]
 pub struct MovePlanner {
     gentle: GentleParameters,
     tray: TrayGeometry,
     limits: CourierLimits,
     load: Load,
+    around: Surroundings,
 }
 
 impl MovePlanner {
-    /// Shortest move worth the name, m.
+    /// Shortest move worth the name, m along the path of the tray's rim.
     const DISTANCE_M_MIN: f64 = 1e-6;
 
-    /// A planner for a tray on a courier.
+    /// A planner for a tray on a courier with nothing around.
     ///
     /// # Errors
     /// A parameter out of its range.
@@ -141,7 +167,16 @@ impl MovePlanner {
         gentle.validate()?;
         limits.validate()?;
         load.validate()?;
-        Ok(Self { gentle, tray, limits, load })
+        Ok(Self { gentle, tray, limits, load, around: Surroundings::default() })
+    }
+
+    /// The same planner among obstacles.
+    ///
+    /// # Errors
+    /// A parameter out of its range.
+    pub fn among(self, around: Surroundings) -> Result<Self, OutOfRange> {
+        around.validate()?;
+        Ok(Self { around, ..self })
     }
 
     /// The tray that is moved.
@@ -150,7 +185,22 @@ impl MovePlanner {
         &self.tray
     }
 
+    /// What is around the courier.
+    #[must_use]
+    pub fn around(&self) -> &Surroundings {
+        &self.around
+    }
+
     /// Whether the courier may stand at `position`.
+    ///
+    /// # Errors
+    /// The first coordinate outside its bounds, the tether, or a keep-out area.
+    pub fn check_stand(&self, position: &Vector3<f64>) -> Result<(), PlanError> {
+        self.check_reach(position)?;
+        self.around.check(&position.xy())
+    }
+
+    /// Whether `position` is within the courier's bounds.
     ///
     /// # Errors
     /// The first coordinate outside its bounds.
@@ -167,12 +217,27 @@ impl MovePlanner {
         (point_m - point_m.sup(&min).inf(&max)).norm()
     }
 
-    /// The fastest straight move between two places on the platen that holds every part of `protected_in_tray` (m).
+    /// A quick estimate of how long a straight move with a part on the plateau takes, s: the jerk-limited bound at the
+    /// share of friction that is used.
+    #[must_use]
+    pub fn estimate_s(&self, distance_m: f64) -> f64 {
+        let a =
+            (self.gentle.friction_share * self.gentle.friction * self.gentle.gravity_m_s2).min(self.by_motor_m_s2());
+        let j = self.gentle.jerk_m_s3_max;
+        if distance_m >= 2.0 * a.powi(3) / (j * j) {
+            a / j + ((a / j).powi(2) + 4.0 * distance_m / a).sqrt()
+        } else {
+            4.0 * (distance_m / (2.0 * j)).cbrt()
+        }
+    }
+
+    /// The fastest move between two places on the platen that holds every part of `protected_in_tray` (m): straight
+    /// where that is clear, round the keep-out areas where not. Yaw turns evenly with the way.
     ///
     /// Without any part to protect, the plateau's limit μ g holds.
     ///
     /// # Errors
-    /// A place out of reach, a move that turns or goes nowhere, or a part that cannot be held.
+    /// A place out of reach, a way that is blocked, a move that goes nowhere, or a part that cannot be held.
     pub fn plan(
         &self,
         from: Vector3<f64>,
@@ -180,61 +245,216 @@ impl MovePlanner {
         protected_in_tray: &[Vector2<f64>],
     ) -> Result<MovePlan, PlanError> {
         self.check_reach(&to)?;
+        for axis in 0..2 {
+            check_range("start of the move", from[axis], -100.0, 100.0)?;
+        }
+        let may_stand = |corner: &Vector2<f64>| self.check_reach(&Vector3::new(corner.x, corner.y, to.z)).is_ok();
+        let route_m = self.around.route(from.xy(), to.xy(), may_stand)?;
+        self.plan_along(from, to, route_m, protected_in_tray)
+    }
+
+    /// As [`plan`](Self::plan), along a route that is known to be clear: a polyline from one place to the other.
+    ///
+    /// # Errors
+    /// A place out of reach, a move that goes nowhere, or a part that cannot be held.
+    pub fn plan_along(
+        &self,
+        from: Vector3<f64>,
+        to: Vector3<f64>,
+        route_m: Vec<Vector2<f64>>,
+        protected_in_tray: &[Vector2<f64>],
+    ) -> Result<MovePlan, PlanError> {
+        self.check_reach(&to)?;
         for axis in 0..3 {
             check_range("start of the move", from[axis], -100.0, 100.0)?;
         }
-        // The yaw of a courier at rest is measured, not exact; the move takes the exact one.
+        // The yaw of a courier at rest is measured, not exact; a move that need not turn takes the exact one.
         const YAW_TOLERANCE_RAD: f64 = 0.4e-3;
-        let change_rad = to.z - from.z;
-        if change_rad.abs() > YAW_TOLERANCE_RAD {
-            return Err(PlanError::Yaw { change_rad });
-        }
-        let from = Vector3::new(from.x, from.y, to.z);
+        let turns = (to.z - from.z).abs() > YAW_TOLERANCE_RAD;
+        let from = if turns { from } else { Vector3::new(from.x, from.y, to.z) };
         let step = to - from;
-        let distance_m = step.xy().norm();
-        if distance_m < Self::DISTANCE_M_MIN {
-            return Err(PlanError::NoDistance { distance_m });
+        let reach_m = step.xy().norm().max(step.z.abs() * self.tray.outer_radius_m);
+        if reach_m < Self::DISTANCE_M_MIN {
+            return Err(PlanError::NoDistance { distance_m: reach_m });
         }
-        let direction_in_tray = Rotation2::new(-to.z) * (step.xy() / distance_m);
-        let held = self.held(protected_in_tray, &direction_in_tray)?;
-        let braked = self.held(protected_in_tray, &-direction_in_tray)?;
-
-        let by_motor_m_s2 = self.limits.translation_acceleration_m_s2_max(&self.load);
-        let share = self.gentle.friction_share;
-        let jerk_m_s3 = self.gentle.jerk_m_s3_max.min(self.limits.jerk_m_s3_max);
-        let limits = LineLimits {
-            speed_m_s: self.limits.speed_m_s_max,
-            acceleration_m_s2: (share * held).min(by_motor_m_s2),
-            braking_m_s2: (share * braked).min(by_motor_m_s2),
-            jerk_m_s3,
-        };
+        let legs = self.legs(&from, &to, &route_m, protected_in_tray)?;
+        let motion = Motion::rounded(from, &legs, &route_m, &self.around);
+        let mut points = motion.points(self.limits.speed_m_s_max);
+        // The end is exactly the end, whatever rounding has left.
+        if let Some(last) = points.last_mut() {
+            *last = TrajectoryPoint {
+                time_s: last.time_s,
+                position: to,
+                velocity: Some(Vector3::zeros()),
+                acceleration: Some(Vector3::zeros()),
+            };
+        }
+        let direct = self.held(&from, &step, reach_m, protected_in_tray)?;
+        let slowness = 1.0 / direct.speeding_m_s2 + 1.0 / direct.braking_m_s2;
         let unlimited = LineLimits {
             speed_m_s: f64::INFINITY,
-            acceleration_m_s2: held,
-            braking_m_s2: braked,
+            acceleration_m_s2: direct.speeding_m_s2,
+            braking_m_s2: direct.braking_m_s2,
             jerk_m_s3: self.gentle.jerk_m_s3_max,
         };
-        let profile = Profile::new(distance_m, &limits);
+        let accelerations = points.iter().filter_map(|point| point.acceleration);
         Ok(MovePlan {
             from,
             to,
-            duration_s: profile.duration_s(),
-            bound_s: (2.0 * distance_m * (1.0 / held + 1.0 / braked)).sqrt(),
-            jerk_bound_s: Profile::new(distance_m, &unlimited).duration_s(),
-            peak_acceleration_m_s2: profile.peak_acceleration_m_s2(),
-            profile,
+            duration_s: points.last().map_or(0.0, |last| last.time_s),
+            bound_s: (2.0 * reach_m * slowness).sqrt(),
+            jerk_bound_s: Profile::new(reach_m, &unlimited).duration_s(),
+            peak_acceleration_m_s2: accelerations.map(|acceleration| acceleration.xy().norm()).fold(0.0, f64::max),
+            route_m,
+            points,
         })
     }
 
-    /// Acceleration along a direction at which every part is held, m/s².
-    fn held(&self, parts_in_tray: &[Vector2<f64>], direction_in_tray: &Vector2<f64>) -> Result<f64, PlanError> {
+    /// The legs of a route, each as fast as friction holds, with room for its neighbours where they overlap.
+    fn legs(
+        &self,
+        from: &Vector3<f64>,
+        to: &Vector3<f64>,
+        route_m: &[Vector2<f64>],
+        protected_in_tray: &[Vector2<f64>],
+    ) -> Result<Vec<Leg>, PlanError> {
+        let total_m: f64 = route_m.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();
+        let turn_rad = to.z - from.z;
+        let mut held: Vec<(Vector3<f64>, f64, Held)> = Vec::new();
+        let mut start = *from;
+        for pair in route_m.windows(2) {
+            let (way_m, count) = (pair[1] - pair[0], route_m.len() as f64 - 1.0);
+            let share = if total_m > 0.0 { way_m.norm() / total_m } else { 1.0 / count };
+            let step = Vector3::new(way_m.x, way_m.y, turn_rad * share);
+            let length_m = way_m.norm().max(step.z.abs() * self.tray.outer_radius_m);
+            held.push((step, length_m, self.held(&start, &step, length_m, protected_in_tray)?));
+            start += step;
+        }
+        let corners: Vec<f64> = held
+            .windows(2)
+            .map(|pair| self.corner_share(from.z, turn_rad, &pair[0], &pair[1], protected_in_tray))
+            .collect::<Result<_, _>>()?;
+        let overlap = if corners.is_empty() { 1.0 } else { 0.5 };
+        let jerk_m_s3 = overlap * self.gentle.jerk_m_s3_max.min(self.limits.jerk_m_s3_max);
+        let legs = held.iter().enumerate().map(|(index, (step, length_m, held))| {
+            let corner = |at: Option<usize>| at.and_then(|at| corners.get(at)).copied().unwrap_or(1.0);
+            let usable = self.gentle.friction_share * held.left;
+            let by_motor_m_s2 = self.motor_along(step, *length_m);
+            let (before, after) = (corner(index.checked_sub(1)), corner(Some(index)));
+            let limits = LineLimits {
+                speed_m_s: held.speed_m_s,
+                acceleration_m_s2: before * (usable * held.speeding_m_s2).min(by_motor_m_s2),
+                braking_m_s2: after * (usable * held.braking_m_s2).min(by_motor_m_s2),
+                jerk_m_s3,
+            };
+            Leg { step: *step, length_m: *length_m, profile: Profile::new(*length_m, &limits) }
+        });
+        Ok(legs.collect())
+    }
+
+    /// Share of their own limits that two legs may use while one brakes and the other speeds up.
+    ///
+    /// What friction holds is a convex set of accelerations (a second-order cone for each part), so their sum is held
+    /// whatever the mix, if it is held at the full limits of both; half of each always is.
+    fn corner_share(
+        &self,
+        yaw_rad: f64,
+        turn_rad: f64,
+        before: &(Vector3<f64>, f64, Held),
+        after: &(Vector3<f64>, f64, Held),
+        protected_in_tray: &[Vector2<f64>],
+    ) -> Result<f64, PlanError> {
+        if turn_rad.abs() > 0.0 {
+            return Ok(0.5);
+        }
+        let along = |(step, length_m, _): &(Vector3<f64>, f64, Held)| step.xy() / *length_m;
+        let motor_m_s2 = self.by_motor_m_s2();
+        let sum = along(after) * after.2.speeding_m_s2.min(motor_m_s2)
+            - along(before) * before.2.braking_m_s2.min(motor_m_s2);
+        let norm = sum.norm();
+        if norm <= 0.0 {
+            return Ok(1.0);
+        }
+        let direction_in_tray = Rotation2::new(-yaw_rad) * (sum / norm);
+        let held_m_s2 = self.weakest(protected_in_tray, |_| direction_in_tray)?.min(motor_m_s2);
+        Ok((held_m_s2 / norm).clamp(0.5, 1.0))
+    }
+
+    /// What friction holds along a leg from `start` by `step`, in terms of a length that is `length_m` at its end.
+    fn held(
+        &self,
+        start: &Vector3<f64>,
+        step: &Vector3<f64>,
+        length_m: f64,
+        protected_in_tray: &[Vector2<f64>],
+    ) -> Result<Held, PlanError> {
+        let turns = step.z.abs() > 0.0;
+        let mut held = Held {
+            speeding_m_s2: f64::INFINITY,
+            braking_m_s2: f64::INFINITY,
+            speed_m_s: self.limits.speed_m_s_max,
+            left: 1.0,
+        };
+        // The direction in the tray changes with the yaw, by 4° at most.
+        let yaws: &[f64] = if turns { &[0.0, 0.5, 1.0] } else { &[0.0] };
+        for share in yaws {
+            let way_in_tray = Rotation2::new(-(start.z + step.z * share)) * step.xy();
+            let along = |part: &Vector2<f64>| (way_in_tray + step.z * Vector2::new(-part.y, part.x)) / length_m;
+            held.speeding_m_s2 = held.speeding_m_s2.min(self.weakest(protected_in_tray, along)?);
+            held.braking_m_s2 = held.braking_m_s2.min(self.weakest(protected_in_tray, |part| -along(part))?);
+        }
+        if turns {
+            let farthest_m = protected_in_tray.iter().map(Vector2::norm).fold(0.0, f64::max);
+            let mut weakest_m_s2 = f64::INFINITY;
+            for index in 0..16_u32 {
+                let (sin, cos) = (std::f64::consts::TAU * f64::from(index) / 16.0).sin_cos();
+                weakest_m_s2 = weakest_m_s2.min(self.weakest(protected_in_tray, |_| Vector2::new(cos, sin))?);
+            }
+            // Speed² at the end of unlimited speeding up: the largest there can be.
+            let bang_bang = 2.0 * length_m / (1.0 / held.speeding_m_s2 + 1.0 / held.braking_m_s2);
+            let centripetal_per_speed2 = (step.z / length_m).powi(2) * farthest_m;
+            let half = 0.5 * weakest_m_s2 / centripetal_per_speed2;
+            held.speed_m_s = held.speed_m_s.min(half.sqrt());
+            // The held set is convex: a share of the direction's limit and the rest of the weakest one are held together.
+            held.left = 1.0 - (bang_bang.min(half) * centripetal_per_speed2 / weakest_m_s2).min(0.5);
+        }
+        Ok(held)
+    }
+
+    /// Acceleration at which every part is held that is accelerated by `along(part)` times it, m/s².
+    fn weakest(
+        &self,
+        parts_in_tray: &[Vector2<f64>],
+        along: impl Fn(&Vector2<f64>) -> Vector2<f64>,
+    ) -> Result<f64, PlanError> {
         let GentleParameters { friction, gravity_m_s2, .. } = self.gentle;
         // Friction that wedges a part holds it at any acceleration; a hundred g is as good as that.
-        let unprotected_m_s2 = gravity_m_s2 * if parts_in_tray.is_empty() { friction } else { 100.0 };
-        parts_in_tray.iter().try_fold(unprotected_m_s2, |least_m_s2, part| {
-            holding_acceleration_m_s2(&self.tray, part, direction_in_tray, friction, gravity_m_s2)
-                .map(|held_m_s2| held_m_s2.min(least_m_s2))
+        let wedged_m_s2 = 100.0 * gravity_m_s2;
+        if parts_in_tray.is_empty() {
+            let norm = along(&Vector2::zeros()).norm();
+            return Ok(if norm > 0.0 { (gravity_m_s2 * friction / norm).min(wedged_m_s2) } else { wedged_m_s2 });
+        }
+        parts_in_tray.iter().try_fold(wedged_m_s2, |least_m_s2, part| {
+            let vector = along(part);
+            let norm = vector.norm();
+            if norm <= 0.0 {
+                return Ok(least_m_s2);
+            }
+            holding_acceleration_m_s2(&self.tray, part, &(vector / norm), friction, gravity_m_s2)
+                .map(|held_m_s2| (held_m_s2 / norm).min(least_m_s2))
                 .ok_or(PlanError::CannotHold { friction, x_m: part.x, y_m: part.y })
         })
+    }
+
+    fn by_motor_m_s2(&self) -> f64 {
+        self.limits.translation_acceleration_m_s2_max(&self.load)
+    }
+
+    /// What the motor can do along a leg: force for the way, torque for the turn, m/s².
+    fn motor_along(&self, step: &Vector3<f64>, length_m: f64) -> f64 {
+        let torque_n_m = (1.0 - self.limits.feedback_reserve) * self.limits.torque_n_m_max;
+        let turning_rad_s2 = torque_n_m / self.limits.moved(&self.load).z;
+        let along = |limit: f64, share: f64| if share > 0.0 { limit * length_m / share } else { f64::INFINITY };
+        along(self.by_motor_m_s2(), step.xy().norm()).min(along(turning_rad_s2, step.z.abs()))
     }
 }

@@ -25,6 +25,10 @@ pub(crate) struct Knot {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Profile {
     pub(crate) knots: Vec<Knot>,
+    /// How long it speeds up, s.
+    pub(crate) speeding_s: f64,
+    /// How long it brakes at the end, s.
+    pub(crate) braking_s: f64,
 }
 
 /// Changing the speed by some amount, from constant speed to constant speed.
@@ -111,15 +115,30 @@ impl Profile {
         if let Some(last) = knots.last_mut() {
             *last = Knot { time_s: last.time_s, distance_m, ..Knot::default() };
         }
-        Self { knots }
+        Self { knots, speeding_s: up.duration_s(), braking_s: down.duration_s() }
+    }
+
+    /// The state at a time since the start; at rest before and after the motion.
+    pub(crate) fn at(&self, time_s: f64) -> Knot {
+        let next = self.knots.partition_point(|knot| knot.time_s <= time_s);
+        let Some(after) = self.knots.get(next) else {
+            return self.knots.last().map_or_else(Knot::default, |last| Knot { time_s, ..*last });
+        };
+        let Some(before) = next.checked_sub(1).map(|index| &self.knots[index]) else {
+            return Knot { time_s, ..Knot::default() };
+        };
+        let jerk_m_s3 = (after.acceleration_m_s2 - before.acceleration_m_s2) / (after.time_s - before.time_s);
+        let (t, a) = (time_s - before.time_s, before.acceleration_m_s2);
+        Knot {
+            time_s,
+            distance_m: before.distance_m + t * (before.speed_m_s + t * (a / 2.0 + t * jerk_m_s3 / 6.0)),
+            speed_m_s: before.speed_m_s + t * (a + t * jerk_m_s3 / 2.0),
+            acceleration_m_s2: a + t * jerk_m_s3,
+        }
     }
 
     pub(crate) fn duration_s(&self) -> f64 {
         self.knots.last().map_or(0.0, |knot| knot.time_s)
-    }
-
-    pub(crate) fn peak_acceleration_m_s2(&self) -> f64 {
-        self.knots.iter().fold(0.0, |peak, knot| knot.acceleration_m_s2.abs().max(peak))
     }
 }
 

@@ -7,6 +7,7 @@ use thiserror::Error;
 
 use super::choice::Choice;
 use super::plan::{MovePlan, PlanError};
+use crate::platen::Area;
 
 /// A point in time, since the start of the run's clock.
 pub type Stamp = Duration;
@@ -19,6 +20,24 @@ pub struct DeliveryId(pub u64);
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct MoveId(pub u64);
 
+/// Names a request for an area of the platen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ReserveId(pub u64);
+
+/// What a request for an area came to: the name of the lease and when it ends, or why there is none.
+pub type LeaseAnswer = Result<(String, Stamp), String>;
+
+/// What a manipulator reports of a hand-over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HandOver {
+    /// The part is in the gripper.
+    Taken,
+    /// The part is not in the gripper and will not be.
+    NotTaken,
+    /// The tool is clear of the feeder.
+    Released,
+}
+
 /// What an agent asks for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DeliveryRequest {
@@ -26,8 +45,8 @@ pub struct DeliveryRequest {
     pub station: String,
     /// Class of part wanted, as the catalogue names it.
     pub part_class: String,
-    /// Resting pose wanted, as the catalogue names it; empty: any.
-    pub pose_class: String,
+    /// Resting poses that will do, as the catalogue names them; none: any.
+    pub pose_classes: Vec<String>,
     /// Largest horizontal distance allowed between part and tool axis, m.
     pub tolerance_m: f64,
     /// When to give up, from the request on; nothing: never.
@@ -61,9 +80,15 @@ pub enum Refusal {
         /// The finest that can be promised, m.
         min_m: f64,
     },
-    /// The delivery does not wait for a hand-over's report.
-    #[error("delivery {} does not wait for a report", .0.0)]
+    /// The delivery does not wait for such a report.
+    #[error("delivery {} does not wait for this report", .0.0)]
     NotPresented(DeliveryId),
+    /// Something else must end first.
+    #[error("{0} deliveries are open")]
+    Busy(usize),
+    /// The courier is elsewhere, or something else is under way.
+    #[error("the feeder is not idle at its feeding place but {0:?}")]
+    NotIdle(Phase),
     /// The planner is in fault.
     #[error("the planner is in fault: {0}")]
     Fault(String),
@@ -95,12 +120,16 @@ pub enum Phase {
     Settling,
     /// Waiting for an image of the parts at rest.
     Looking,
+    /// Waiting for the platen area of the trip.
+    Reserving,
     /// Carrying the chosen part to the station.
     Moving,
     /// The part waits under the station's tool.
     Presented,
     /// Driving back to the feeding place.
     Returning,
+    /// Feeding to empty the plateau.
+    Purging,
     /// Given up; waiting for a reset.
     Fault,
 }
@@ -140,6 +169,12 @@ pub enum Failure {
     /// The driver refused the move or could not finish it.
     #[error("the move failed: {0}")]
     Move(String),
+    /// The area of the trip was not granted, or its lease was lost.
+    #[error("the area of the trip: {0}")]
+    Area(String),
+    /// A camera at the station does not see the part as it was chosen.
+    #[error("the part is not where it was on departure: {0}")]
+    PartLost(String),
     /// The part came to rest beside the tool axis, or the courier never said that it had arrived.
     #[error("the part did not arrive under the station within the tolerance")]
     DidNotArrive,
@@ -163,6 +198,12 @@ pub enum Warning {
     /// The courier could not return to the feeding place.
     #[error("the return to the feeding place failed: {0}")]
     ReturnFailed(String),
+    /// The manipulator took the part, but did not say that its tool is clear.
+    #[error("station {0:?} took the part but did not release the feeder")]
+    NotReleased(String),
+    /// The place to park was refused.
+    #[error("the place to park was refused: {0}")]
+    NoParking(String),
     /// The generator refused to switch feeding while nothing depended on it.
     #[error("feeding could not be switched: {0}")]
     FeedRefused(String),
@@ -190,6 +231,32 @@ pub enum Output {
     Presented(DeliveryId, Delivered),
     /// A delivery ended.
     Finished(DeliveryId, Result<Delivered, Failure>),
+    /// The purge ended: the plateau is empty, or why not.
+    Purged(Result<(), String>),
+    /// Ask the platen's arbiter for an area.
+    Reserve {
+        /// Names the request.
+        id: ReserveId,
+        /// The area.
+        area: Area,
+        /// To rest there.
+        parked: bool,
+        /// For how long.
+        duration: Duration,
+        /// How long to wait for it.
+        wait: Duration,
+    },
+    /// Ask the arbiter to make a lease last so long from now on.
+    Renew {
+        /// Names the request.
+        id: ReserveId,
+        /// The lease.
+        lease: String,
+        /// For how long.
+        duration: Duration,
+    },
+    /// Give a lease back.
+    Release(String),
     /// Something to tell the operator.
     Warning(Warning),
 }

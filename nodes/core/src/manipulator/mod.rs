@@ -7,6 +7,9 @@ mod axis;
 
 pub use axis::AxisSpeed;
 use axis::RestToRest;
+use rand::RngExt as _;
+use rand_distr::{Distribution as _, StandardNormal};
+use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
 use crate::range::OutOfRange;
@@ -31,6 +34,13 @@ pub struct ManipulatorConfig {
     pub tolerance_m: f64,
     /// How long it waits for a part before it asks anew, s.
     pub timeout_s: f64,
+    /// How far the gripper closes from where it was told to, along each of x and y: standard deviation, m.
+    pub pick_error_m: f64,
+    /// Share of picks that fail: the gripper loses the part again before it is lifted.
+    pub pick_failure_probability: f64,
+    /// A fault to test with: after so many picks it never says anything again.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub silent_after: Option<u32>,
 }
 
 impl Default for ManipulatorConfig {
@@ -44,6 +54,9 @@ impl Default for ManipulatorConfig {
             place_s: 1.0,
             tolerance_m: 0.0005,
             timeout_s: 60.0,
+            pick_error_m: 0.0,
+            pick_failure_probability: 0.0,
+            silent_after: None,
         }
     }
 }
@@ -52,7 +65,7 @@ impl ManipulatorConfig {
     /// Checks every value.
     ///
     /// # Errors
-    /// The first parameter that is not positive and finite.
+    /// The first parameter that is out of its range.
     pub fn validate(&self) -> Result<(), OutOfRange> {
         for (parameter, value) in [
             ("travel_height_m", self.travel_height_m),
@@ -68,6 +81,10 @@ impl ManipulatorConfig {
         ] {
             OutOfRange::unless_positive(parameter, value)?;
         }
+        let error_m = self.pick_error_m;
+        OutOfRange::unless((0.0..=0.1).contains(&error_m), "pick_error_m", error_m, "0 to 0.1")?;
+        let share = self.pick_failure_probability;
+        OutOfRange::unless((0.0..=1.0).contains(&share), "pick_failure_probability", share, "0 to 1")?;
         Ok(())
     }
 }
@@ -103,19 +120,28 @@ pub enum Event {
 pub enum Action {
     /// Ask the feeder for a part.
     Request,
-    /// Close the gripper: tool pose is the axis at this height above the plateau with this rotation.
+    /// Close the gripper: the tool is this far from the axis, at this height above the plateau with this rotation.
     Grip {
+        /// Offset from the axis along x, m.
+        x_m: f64,
+        /// Offset from the axis along y, m.
+        y_m: f64,
         /// Height above the plateau, m.
         z_m: f64,
         /// Rotation, rad.
         theta_rad: f64,
     },
-    /// Tell the feeder how the hand-over went.
+    /// Tell the feeder whether the part was taken, and if not why.
     Report {
         /// Which delivery.
         delivery_id: String,
         /// Whether the part was taken, and if not why.
         taken: Result<(), String>,
+    },
+    /// Tell the feeder that the tool is out of its way.
+    Release {
+        /// Which delivery.
+        delivery_id: String,
     },
 }
 
@@ -129,7 +155,8 @@ enum Phase {
     /// When the gripper will have closed, s.
     Closing(Presented, f64),
     Gripping(Presented),
-    Ascending(String, Result<(), String>),
+    /// Which delivery, and how long to rest after it, s.
+    Ascending(String, f64),
 }
 
 /// The manipulator. Time arrives as an argument, s.
@@ -139,17 +166,21 @@ pub struct Manipulator {
     phase: Phase,
     z: RestToRest,
     theta: RestToRest,
+    random: Pcg64Mcg,
+    picks: u32,
 }
 
 impl Manipulator {
-    /// A manipulator at rest above its station, about to ask for a part.
+    /// A manipulator at rest above its station, about to ask for a part. Its errors are drawn from `random`.
     ///
     /// # Errors
     /// The first parameter out of its range.
-    pub fn new(config: ManipulatorConfig) -> Result<Self, OutOfRange> {
+    pub fn new(config: ManipulatorConfig, random: Pcg64Mcg) -> Result<Self, OutOfRange> {
         config.validate()?;
         Ok(Self {
             config,
+            random,
+            picks: 0,
             phase: Phase::Resting(0.0),
             z: RestToRest::new(config.travel_height_m, config.travel_height_m, 0.0, config.z),
             theta: RestToRest::new(0.0, 0.0, 0.0, config.theta),
@@ -164,6 +195,9 @@ impl Manipulator {
 
     /// Takes in what was heard and says what to do now.
     pub fn step(&mut self, now_s: f64, events: &[Event]) -> Vec<Action> {
+        if self.config.silent_after.is_some_and(|picks| self.picks >= picks) {
+            return Vec::new();
+        }
         let mut actions = Vec::new();
         for event in events {
             self.hear(now_s, event, &mut actions);
@@ -177,17 +211,40 @@ impl Manipulator {
                 self.phase = Phase::Closing(part, now_s + self.config.grip_s);
             }
             Phase::Closing(part, closed_s) if now_s >= closed_s => {
-                actions.push(Action::Grip { z_m: self.z.at(now_s).0, theta_rad: self.theta.at(now_s).0 });
-                self.phase = Phase::Gripping(part);
+                self.picks += 1;
+                if self.random.random_bool(self.config.pick_failure_probability) {
+                    // The fingers close on the part, but do not keep it.
+                    let lost = Err("the part slipped out of the gripper".to_owned());
+                    self.ascend(now_s, part.delivery_id, lost, &mut actions);
+                } else {
+                    let [x_m, y_m] = self.pick_error_m();
+                    actions.push(Action::Grip { x_m, y_m, z_m: self.z.at(now_s).0, theta_rad: self.theta.at(now_s).0 });
+                    self.phase = Phase::Gripping(part);
+                }
             }
-            Phase::Ascending(delivery_id, taken) if now_s >= self.z.end_s() => {
-                let rest_s = if taken.is_ok() { self.config.place_s } else { 0.0 };
+            Phase::Ascending(delivery_id, rest_s) if now_s >= self.z.end_s() => {
                 self.phase = Phase::Resting(now_s + rest_s);
-                actions.push(Action::Report { delivery_id, taken });
+                actions.push(Action::Release { delivery_id });
             }
             _ => {}
         }
         actions
+    }
+
+    /// Tells how the hand-over went, and comes up.
+    fn ascend(&mut self, now_s: f64, delivery_id: String, taken: Result<(), String>, actions: &mut Vec<Action>) {
+        let rest_s = if taken.is_ok() { self.config.place_s } else { 0.0 };
+        actions.push(Action::Report { delivery_id: delivery_id.clone(), taken });
+        self.z = RestToRest::new(self.z.at(now_s).0, self.config.travel_height_m, now_s, self.config.z);
+        self.phase = Phase::Ascending(delivery_id, rest_s);
+    }
+
+    /// How far the gripper closes from where it was told to, along x and y, m.
+    fn pick_error_m(&mut self) -> [f64; 2] {
+        [(); 2].map(|()| {
+            let standard: f64 = StandardNormal.sample(&mut self.random);
+            self.config.pick_error_m * standard
+        })
     }
 
     fn hear(&mut self, now_s: f64, event: &Event, actions: &mut Vec<Action>) {
@@ -200,8 +257,7 @@ impl Manipulator {
                         offset_m * 1e3,
                         self.config.tolerance_m * 1e3
                     );
-                    self.phase = Phase::Resting(now_s);
-                    actions.push(Action::Report { delivery_id: part.delivery_id.clone(), taken: Err(reason) });
+                    self.ascend(now_s, part.delivery_id.clone(), Err(reason), actions);
                     return;
                 }
                 let (theta, _) = self.theta.at(now_s);
@@ -211,9 +267,7 @@ impl Manipulator {
                 self.phase = Phase::Descending(part.clone());
             }
             (Event::Gripped(taken), Phase::Gripping(part)) => {
-                let delivery_id = part.delivery_id.clone();
-                self.z = RestToRest::new(self.z.at(now_s).0, self.config.travel_height_m, now_s, self.config.z);
-                self.phase = Phase::Ascending(delivery_id, taken.clone());
+                self.ascend(now_s, part.delivery_id.clone(), taken.clone(), actions);
             }
             // Ask again after a while, so that a feeder that refuses is not asked a hundred times a second.
             (Event::NoPart(_), Phase::Waiting(_)) => self.phase = Phase::Resting(now_s + self.config.place_s),
@@ -241,33 +295,96 @@ mod tests {
         panic!("no action within 100 s")
     }
 
+    fn manipulator(config: ManipulatorConfig) -> Manipulator {
+        Manipulator::new(config, crate::seed::generator(1, "manipulator")).unwrap()
+    }
+
+    /// Presents one part and says how the gripper fared; returns everything the manipulator does until it asks again.
+    fn pick(manipulator: &mut Manipulator, now_s: &mut f64, gripped: Result<(), String>) -> Vec<Action> {
+        manipulator.step(*now_s, &[Event::Accepted]);
+        let mut actions = manipulator.step(*now_s, &[presented(0.0001)]);
+        while actions.last() != Some(&Action::Request) {
+            let mut action = until_action(manipulator, now_s);
+            while let Action::Grip { .. } = action {
+                actions.push(action);
+                actions.extend(manipulator.step(*now_s, &[Event::Gripped(gripped.clone())]));
+                action = until_action(manipulator, now_s);
+            }
+            actions.push(action);
+        }
+        actions
+    }
+
     #[test]
-    fn a_part_is_asked_for_gripped_at_plateau_height_and_reported_taken() {
-        let mut manipulator = Manipulator::new(ManipulatorConfig::default()).unwrap();
+    fn a_part_is_asked_for_gripped_at_plateau_height_reported_and_the_feeder_released() {
+        let mut manipulator = manipulator(ManipulatorConfig::default());
         let mut now_s = 0.0;
         assert_eq!(manipulator.step(now_s, &[]), [Action::Request]);
-        manipulator.step(now_s, &[Event::Accepted]);
-        manipulator.step(now_s, &[presented(0.0001)]);
-        assert_eq!(until_action(&mut manipulator, &mut now_s), Action::Grip { z_m: 0.0, theta_rad: 1.0 });
-        manipulator.step(now_s, &[Event::Gripped(Ok(()))]);
-        let report = Action::Report { delivery_id: "d1".into(), taken: Ok(()) };
-        assert_eq!(until_action(&mut manipulator, &mut now_s), report);
+        let actions = pick(&mut manipulator, &mut now_s, Ok(()));
+        let expected = [
+            Action::Grip { x_m: 0.0, y_m: 0.0, z_m: 0.0, theta_rad: 1.0 },
+            Action::Report { delivery_id: "d1".into(), taken: Ok(()) },
+            Action::Release { delivery_id: "d1".into() },
+            Action::Request,
+        ];
+        assert_eq!(actions, expected);
         let [(z_m, speed_m_s), _] = manipulator.joints(now_s);
         assert_eq!((z_m, speed_m_s), (ManipulatorConfig::default().travel_height_m, 0.0));
-        assert_eq!(until_action(&mut manipulator, &mut now_s), Action::Request);
     }
 
     #[test]
     fn a_part_off_the_axis_is_not_taken() {
-        let mut manipulator = Manipulator::new(ManipulatorConfig::default()).unwrap();
+        let mut manipulator = manipulator(ManipulatorConfig::default());
         manipulator.step(0.0, &[]);
         let actions = manipulator.step(0.1, &[presented(0.002)]);
         assert!(matches!(&actions[0], Action::Report { taken: Err(reason), .. } if reason.contains("2.000 mm")));
+        assert_eq!(manipulator.step(0.2, &[]), [Action::Release { delivery_id: "d1".into() }]);
+    }
+
+    #[test]
+    fn picks_miss_and_fail_as_often_and_as_far_as_configured() {
+        let config = ManipulatorConfig { pick_error_m: 2e-4, pick_failure_probability: 0.25, ..Default::default() };
+        let mut manipulator = manipulator(config);
+        let mut now_s = 0.0;
+        manipulator.step(now_s, &[]);
+        let (mut failed, mut errors_m) = (0, Vec::new());
+        for _ in 0..400 {
+            for action in pick(&mut manipulator, &mut now_s, Ok(())) {
+                match action {
+                    Action::Grip { x_m, y_m, .. } => errors_m.extend([x_m, y_m]),
+                    Action::Report { taken: Err(_), .. } => failed += 1,
+                    _ => {}
+                }
+            }
+        }
+        // 400 × 0.25 ± 4 √(400 × 0.25 × 0.75); the deviation of about 600 numbers is within 4/√1200 of the true one.
+        assert!((65..=135).contains(&failed), "{failed}");
+        let deviation_m = (errors_m.iter().map(|m| m * m).sum::<f64>() / errors_m.len() as f64).sqrt();
+        assert!((deviation_m / 2e-4 - 1.0).abs() < 0.12, "{deviation_m}");
+    }
+
+    #[test]
+    fn a_silent_manipulator_says_nothing_after_its_last_pick() {
+        let mut manipulator = manipulator(ManipulatorConfig { silent_after: Some(1), ..Default::default() });
+        let mut now_s = 0.0;
+        manipulator.step(now_s, &[]);
+        manipulator.step(now_s, &[presented(0.0)]);
+        assert!(matches!(until_action(&mut manipulator, &mut now_s), Action::Grip { .. }));
+        for _ in 0..1000 {
+            now_s += 0.01;
+            assert_eq!(manipulator.step(now_s, &[Event::Gripped(Ok(()))]), []);
+        }
     }
 
     #[test]
     fn bad_parameters_are_named() {
-        let config = ManipulatorConfig { grip_s: f64::NAN, ..Default::default() };
-        assert!(Manipulator::new(config).unwrap_err().to_string().contains("grip_s"));
+        let bad = [
+            (ManipulatorConfig { grip_s: f64::NAN, ..Default::default() }, "grip_s"),
+            (ManipulatorConfig { pick_error_m: -1.0, ..Default::default() }, "pick_error_m"),
+            (ManipulatorConfig { pick_failure_probability: 1.5, ..Default::default() }, "pick_failure_probability"),
+        ];
+        for (config, named) in bad {
+            assert!(config.validate().unwrap_err().to_string().contains(named));
+        }
     }
 }

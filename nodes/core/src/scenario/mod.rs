@@ -1,5 +1,6 @@
 //! A scenario: everything a run depends on, in one YAML file.
 
+mod cell;
 mod waveform;
 
 use std::fmt;
@@ -17,6 +18,7 @@ use crate::parts::{BulkSettings, PartType};
 use crate::range::OutOfRange;
 use crate::selection::{PartModel, Selector, SelectorConfig};
 use crate::waveform::Waveform;
+pub use cell::{FurtherFeeder, PLATEN_NAMESPACE, PlatenSection, Recipe};
 pub use waveform::WaveformSpec;
 
 /// The scenario that runs when none is named.
@@ -49,6 +51,9 @@ pub struct Scenario {
     pub bulk: BulkSettings,
     /// How many parts are loaded at the start.
     pub parts_loaded: u32,
+    /// A hopper at the feeding place adds parts, one at a time, while fewer than this are in the feeder; 0: there is none.
+    #[serde(default)]
+    pub refill_below: u32,
     /// The camera.
     pub camera: CameraSection,
     /// The vision selector. The wanted pose is the part's.
@@ -62,6 +67,15 @@ pub struct Scenario {
     pub delivery: DeliveryConfig,
     /// Where parts are delivered to, and who takes them there.
     pub stations: Vec<Station>,
+    /// What can be fed; without any, the part in all its poses. The first is in force at the start.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub recipes: Vec<Recipe>,
+    /// What couriers share.
+    #[serde(default)]
+    pub platen: PlatenSection,
+    /// Feeders of the same kind on the same platen.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub further_feeders: Vec<FurtherFeeder>,
 }
 
 /// When a run ends.
@@ -144,6 +158,12 @@ pub struct Station {
     pub x_m: f64,
     /// The tool axis on the platen, y, m.
     pub y_m: f64,
+    /// The feeders that the manipulator asks for parts, in turn; empty: the first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub feeders: Vec<String>,
+    /// Somebody outside the run works here: no manipulator is started.
+    #[serde(default)]
+    pub external: bool,
     /// The manipulator.
     #[serde(default)]
     pub manipulator: ManipulatorConfig,
@@ -232,11 +252,17 @@ impl Scenario {
         }
     }
 
-    /// The delivery planner's parameters, with the stations of this scenario.
+    /// The delivery planner's parameters, with the stations and the keep-out areas of this scenario.
     #[must_use]
     pub fn delivery(&self) -> DeliveryConfig {
         let stations_m = self.stations.iter().map(|station| (station.name.clone(), [station.x_m, station.y_m].into()));
-        DeliveryConfig { stations_m: stations_m.collect(), ..self.delivery.clone() }
+        DeliveryConfig {
+            stations_m: stations_m.collect(),
+            rechecked_stations: self.rechecked_stations(),
+            arbitrated: self.is_arbitrated(),
+            keep_out: self.platen.keep_out.iter().cloned().chain(self.parked_areas()).collect(),
+            ..self.delivery.clone()
+        }
     }
 
     /// The selector's parameters, with the wanted pose of the part.
@@ -278,8 +304,9 @@ impl Scenario {
         if self.part_model.is_some() {
             self.taught_selector()?;
         }
-        self.delivery.validate().map_err(|error| invalid("delivery", &error))?;
-        self.validate_stations()
+        self.delivery().validate().map_err(|error| invalid("delivery", &error))?;
+        self.validate_stations()?;
+        self.validate_cell()
     }
 
     fn validate_time(&self) -> Result<(), ScenarioError> {
@@ -328,7 +355,9 @@ impl Scenario {
         let section = "stations";
         for (index, station) in self.stations.iter().enumerate() {
             check_name(section, &station.name)?;
-            if station.name == self.feeder || self.stations[..index].iter().any(|other| other.name == station.name) {
+            if self.feeder_names().any(|name| name == station.name)
+                || self.stations[..index].iter().any(|other| other.name == station.name)
+            {
                 let problem = format!("name = {:?} is used twice, allowed are distinct names", station.name);
                 return Err(ScenarioError::Invalid { section, problem });
             }

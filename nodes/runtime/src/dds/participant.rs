@@ -21,6 +21,7 @@ use super::{
     graph::{self, Nodes},
     names::dds_name,
     raw::{Raw, RawAdapter, RawReader, RawWriter},
+    tally::{Counter, Loss, Tally},
 };
 
 /// One node's presence in a DDS domain. Clones share it; it leaves when the last of them, and the
@@ -39,6 +40,7 @@ pub(super) struct Inner {
     subscriber: Subscriber,
     name: NodeName,
     domain: Domain,
+    pub(super) tally: Tally,
     pub(super) domain_participant: DomainParticipant,
 }
 
@@ -98,6 +100,7 @@ impl Participant {
             subscriber,
             name: node.clone(),
             domain: *domain,
+            tally: Tally::default(),
             domain_participant,
         };
         inner.announcement().publish();
@@ -147,6 +150,23 @@ impl Participant {
     #[must_use]
     pub fn domain(&self) -> Domain {
         self.inner.domain
+    }
+
+    /// What has been lost or refused so far, by the endpoints that are there now.
+    #[must_use]
+    pub fn losses(&self) -> Vec<Loss> {
+        self.inner.tally.losses()
+    }
+
+    /// A counter for [`losses`](Self::losses).
+    pub(crate) fn counter(&self, endpoint: &str, what: &'static str) -> Arc<Counter> {
+        self.inner.tally.counter(endpoint, what)
+    }
+
+    /// What has been lost or refused, for a task that must not keep the participant alive.
+    pub(crate) fn watch_losses(&self) -> impl Fn() -> Vec<Loss> + Send + 'static {
+        let inner = Arc::downgrade(&self.inner);
+        move || inner.upgrade().map(|inner| inner.tally.losses()).unwrap_or_default()
     }
 
     /// Starts a task on the participant's thread; it ends with the returned handle.

@@ -273,8 +273,11 @@ pub enum ClientEvent<A: Action> {
     Rejected(GoalId),
     /// How far it is.
     Feedback(GoalId, A::Feedback),
-    /// How it ended; `None` when the server does not know it.
+    /// How it ended; `None` when the server does not know it, or did not answer.
     Finished(GoalId, Option<GoalEnd>, A::Result),
+    /// The server did not answer: whether it pursues the goal, or how it ended, is not known. Nothing more will be heard
+    /// of it.
+    Lost(GoalId),
 }
 
 /// The client's side of an action.
@@ -306,8 +309,12 @@ impl<A: Action> ActionClient<A> {
     /// What has been heard of goals of this client since the last step.
     pub fn poll(&mut self, io: &mut StepIo) -> Vec<ClientEvent<A>> {
         let mut events = Vec::new();
-        for (call, response) in io.replies(&self.ports.send_goal) {
+        for (call, response) in io.answers(&self.ports.send_goal) {
             let Some(id) = self.sent.remove(&call) else { continue };
+            let Some(response) = response else {
+                events.push(ClientEvent::Lost(id));
+                continue;
+            };
             let (accepted, _): (bool, Time) = response.into();
             if accepted {
                 let call = io.call(&self.ports.get_result, &UUID::from(id).into());
@@ -324,8 +331,12 @@ impl<A: Action> ActionClient<A> {
                 events.push(ClientEvent::Feedback(id, feedback));
             }
         }
-        for (call, response) in io.replies(&self.ports.get_result) {
+        for (call, response) in io.answers(&self.ports.get_result) {
             let Some(id) = self.asked.remove(&call) else { continue };
+            let Some(response) = response else {
+                events.push(ClientEvent::Lost(id));
+                continue;
+            };
             let (status, result): (i8, A::Result) = response.into();
             let end = GoalEnd::of_status(GoalStatus::from_number(status));
             events.push(ClientEvent::Finished(id, end, result));

@@ -1,7 +1,9 @@
 //! One step of a node: its inputs of this tick, and its outputs.
 
 use std::collections::VecDeque;
+use std::fmt;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
+use std::sync::Arc;
 
 use bytes::{Bytes, BytesMut};
 use minifactory_msgs::builtin_interfaces::msg::Time;
@@ -10,7 +12,7 @@ use minifactory_msgs::{Message, Service};
 
 use super::ports::{Client, Publisher, Server, Subscriber};
 use crate::cdr;
-use crate::dds::ReplyHandle;
+use crate::dds::{Counter, ReplyHandle};
 
 /// Who asked, so that the answer finds the way back. May be kept over many steps.
 #[derive(Debug)]
@@ -39,6 +41,16 @@ pub(crate) enum AskerInner {
     Graph(ReplyHandle),
 }
 
+impl Asker {
+    /// Gives no answer, because the request made no sense.
+    fn refuse(self, reason: &dyn fmt::Display) {
+        match self.0 {
+            AskerInner::Graph(handle) => handle.refuse(reason),
+            AskerInner::Loop { .. } => tracing::warn!("request refused: {reason}"),
+        }
+    }
+}
+
 /// Identifies a call of this node until its reply has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct CallId(pub(crate) u64);
@@ -46,9 +58,24 @@ pub struct CallId(pub(crate) u64);
 /// What has arrived at a port and was not taken yet.
 #[derive(Debug)]
 pub(crate) enum Arrival {
-    Message { payload: Bytes, little_endian: bool },
-    Request { payload: Bytes, little_endian: bool, asker: Asker },
-    Reply { payload: Bytes, little_endian: bool, call: CallId },
+    Message {
+        payload: Bytes,
+        little_endian: bool,
+    },
+    Request {
+        payload: Bytes,
+        little_endian: bool,
+        asker: Asker,
+    },
+    Reply {
+        payload: Bytes,
+        little_endian: bool,
+        call: CallId,
+    },
+    /// No reply will come to this call.
+    NoReply {
+        call: CallId,
+    },
 }
 
 /// What a step wants sent.
@@ -71,7 +98,7 @@ pub struct StepIo {
     next_call: u64,
     simulated: bool,
     pub(crate) goal_reached: bool,
-    pub(crate) undecodable: u64,
+    undecodable: Option<Arc<Counter>>,
 }
 
 impl StepIo {
@@ -86,8 +113,13 @@ impl StepIo {
             next_call: 0,
             simulated: true,
             goal_reached: false,
-            undecodable: 0,
+            undecodable: None,
         }
+    }
+
+    /// Counts what cannot be decoded.
+    pub(crate) fn counted_by(self, undecodable: Arc<Counter>) -> Self {
+        Self { undecodable: Some(undecodable), ..self }
     }
 
     pub(crate) fn begin(&mut self, tick: u64, now_ns: u64) {
@@ -174,7 +206,7 @@ impl StepIo {
             .into_iter()
             .filter_map(|arrival| match arrival {
                 Arrival::Message { payload, little_endian } => self.decode(&payload, little_endian),
-                Arrival::Request { .. } | Arrival::Reply { .. } => None,
+                _ => None,
             })
             .collect()
     }
@@ -186,16 +218,20 @@ impl StepIo {
         }
     }
 
-    /// Takes the requests that arrived for this tick, oldest first.
+    /// Takes the requests that arrived for this tick, oldest first. One that cannot be decoded is refused and counted.
     pub fn requests<S: Service>(&mut self, server: &Server<S>) -> Vec<(Asker, S::Request)> {
         let arrivals: Vec<Arrival> = self.arrivals[server.port].drain(..).collect();
         arrivals
             .into_iter()
             .filter_map(|arrival| match arrival {
-                Arrival::Request { payload, little_endian, asker } => {
-                    self.decode(&payload, little_endian).map(|request| (asker, request))
-                }
-                Arrival::Message { .. } | Arrival::Reply { .. } => None,
+                Arrival::Request { payload, little_endian, asker } => match cdr::decode(&payload, little_endian) {
+                    Ok(request) => Some((asker, request)),
+                    Err(error) => {
+                        asker.refuse(&error);
+                        None
+                    }
+                },
+                _ => None,
             })
             .collect()
     }
@@ -219,13 +255,20 @@ impl StepIo {
 
     /// Takes the replies that arrived for this tick.
     pub fn replies<S: Service>(&mut self, client: &Client<S>) -> Vec<(CallId, S::Response)> {
+        let answers = self.answers(client);
+        answers.into_iter().filter_map(|(call, response)| Some((call, response?))).collect()
+    }
+
+    /// Takes the ends of calls for this tick: the reply, or nothing where none will come: no server was found in time, or
+    /// its reply was lost or makes no sense. Whether the server has acted on such a request is not known. Between nodes
+    /// of a loop every call gets its reply.
+    pub fn answers<S: Service>(&mut self, client: &Client<S>) -> Vec<(CallId, Option<S::Response>)> {
         let arrivals: Vec<Arrival> = self.arrivals[client.port].drain(..).collect();
         arrivals
             .into_iter()
             .filter_map(|arrival| match arrival {
-                Arrival::Reply { payload, little_endian, call } => {
-                    self.decode(&payload, little_endian).map(|response| (call, response))
-                }
+                Arrival::Reply { payload, little_endian, call } => Some((call, self.decode(&payload, little_endian))),
+                Arrival::NoReply { call } => Some((call, None)),
                 Arrival::Message { .. } | Arrival::Request { .. } => None,
             })
             .collect()
@@ -240,7 +283,9 @@ impl StepIo {
         match cdr::decode(payload, little_endian) {
             Ok(message) => Some(message),
             Err(error) => {
-                self.undecodable += 1;
+                if let Some(counter) = &self.undecodable {
+                    counter.add(1);
+                }
                 tracing::warn!("dropped a {} of {} bytes: {error}", M::INFO.ros_type(), payload.len());
                 None
             }

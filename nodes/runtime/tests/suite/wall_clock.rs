@@ -194,6 +194,7 @@ impl FeederNode for Asking {
                 ClientEvent::Rejected(_) => "rejected".into(),
                 ClientEvent::Feedback(_, feedback) => format!("feedback {}", feedback.eta_s),
                 ClientEvent::Finished(_, end, result) => format!("{end:?} {}", result.reason),
+                ClientEvent::Lost(_) => "lost".into(),
             });
         }
         Ok(())

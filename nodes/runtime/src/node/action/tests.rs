@@ -30,6 +30,7 @@ enum Heard {
     Rejected(u8),
     Feedback(u8, f64),
     Finished(u8, Option<GoalEnd>, String),
+    Lost(u8),
 }
 
 fn id(number: u8) -> GoalId {
@@ -75,6 +76,7 @@ impl Bench {
             ClientEvent::Rejected(id) => Heard::Rejected(id.0[0]),
             ClientEvent::Feedback(id, feedback) => Heard::Feedback(id.0[0], feedback.eta_s),
             ClientEvent::Finished(id, end, result) => Heard::Finished(id.0[0], end, result.reason),
+            ClientEvent::Lost(id) => Heard::Lost(id.0[0]),
         });
         self.heard.extend(heard);
         client(&mut self.client, client_io);
@@ -185,6 +187,28 @@ fn a_goal_is_accepted_fed_back_and_finished() {
     assert_eq!(bench.heard, expected);
     let executing = vec![(1, StatusMessage::STATUS_EXECUTING)];
     assert_eq!(bench.statuses, [vec![], executing, vec![(1, StatusMessage::STATUS_SUCCEEDED)]]);
+}
+
+#[test]
+fn a_goal_whose_answer_is_lost_is_known_to_be_lost() {
+    let mut bench = Bench::new();
+    let lose = |bench: &mut Bench, service: &str, call: u64| {
+        let port = bench.interfaces[0].ports.iter().position(|port| port.name.ends_with(service)).unwrap();
+        bench.ios[0].arrive(port, Arrival::NoReply { call: CallId(call) });
+        bench.idle();
+    };
+    bench.send(1);
+    lose(&mut bench, "send_goal", 0);
+    assert_eq!(bench.heard, [Heard::Lost(1)]);
+    // The result of another goal is lost: its calls are 1, to send it, and 2, to ask for the result.
+    bench.start(2);
+    bench.idle();
+    lose(&mut bench, "get_result", 2);
+    assert_eq!(bench.heard, [Heard::Lost(1), Heard::Accepted(2), Heard::Lost(2)]);
+    // An answer that comes too late says nothing new.
+    bench.finish(2, GoalEnd::Succeeded, "late");
+    bench.idle();
+    assert_eq!(bench.heard.len(), 3);
 }
 
 #[test]

@@ -1,0 +1,203 @@
+//! Where parts will come to rest: they go on along the tray until the vibration has ended.
+
+use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::Rotation2;
+
+use super::choice::{Candidate, CandidateFrame, angle_rad};
+use super::protocol::Stamp;
+
+/// A part as it was last seen while feeding.
+#[derive(Clone, Copy, Debug)]
+struct Track {
+    stamp: Stamp,
+    angle_rad: f64,
+    /// Mean angular velocity about the tray's centre, rad/s, once it was seen twice.
+    rate_rad_s: Option<f64>,
+}
+
+/// Follows how parts move while feeding, and how far they go on after the order to stop.
+#[derive(Clone, Debug)]
+pub(super) struct Drift {
+    tracks: BTreeMap<u64, Track>,
+    /// Time between the order to stop and rest during which parts move on as while feeding, s: the mean of what was seen.
+    stop_drift_s: f64,
+    /// The order to stop, until the parts have been seen at rest.
+    stopped: Option<Stamp>,
+    /// Fitting parts that came while feeding, and the time it took, both fading.
+    arrived: f64,
+    fed_s: f64,
+}
+
+/// Share of a new observation in a running mean.
+const GAIN: f64 = 0.3;
+/// Slower parts tell nothing about the time they need to stop, rad/s.
+const MOVING_RAD_S: f64 = 0.02;
+/// Feeding after which an observation of arrivals counts 1/e, s.
+const MEMORY_S: f64 = 60.0;
+/// Before anything was seen: one fitting part every two seconds.
+const PRIOR_S: f64 = 2.0;
+
+impl Drift {
+    pub(super) fn new(stop_drift_s: f64) -> Self {
+        Self { tracks: BTreeMap::new(), stop_drift_s, stopped: None, arrived: 0.0, fed_s: 0.0 }
+    }
+
+    /// Feeding begins.
+    pub(super) fn start(&mut self) {
+        self.tracks.clear();
+        self.stopped = None;
+    }
+
+    /// Takes a frame seen while feeding; `fits` says which parts are wanted.
+    pub(super) fn feed(&mut self, frame: &CandidateFrame, fits: impl Fn(&Candidate) -> bool) {
+        let since = self.tracks.values().map(|track| track.stamp).max();
+        let elapsed_s = since.map_or(0.0, |since| frame.stamp.saturating_sub(since).as_secs_f64());
+        let fading = (-elapsed_s / MEMORY_S).exp();
+        self.fed_s = self.fed_s * fading + elapsed_s;
+        self.arrived *= fading;
+        let mut tracks = BTreeMap::new();
+        for candidate in &frame.candidates {
+            let angle_rad = angle_rad(candidate);
+            let known = self.tracks.get(&candidate.id);
+            let rate_rad_s = known.and_then(|track| {
+                let elapsed_s = frame.stamp.saturating_sub(track.stamp).as_secs_f64();
+                let rate_rad_s = turn_rad(track.angle_rad, angle_rad) / elapsed_s;
+                let mean_rad_s = track.rate_rad_s.map_or(rate_rad_s, |mean| mean + GAIN * (rate_rad_s - mean));
+                (elapsed_s > 0.0).then_some(mean_rad_s)
+            });
+            if known.is_none() && since.is_some() && fits(candidate) {
+                self.arrived += 1.0;
+            }
+            tracks.insert(candidate.id, Track { stamp: frame.stamp, angle_rad, rate_rad_s });
+        }
+        self.tracks = tracks;
+    }
+
+    /// The order to stop is given.
+    pub(super) fn stop(&mut self, now: Stamp) {
+        self.stopped = Some(now);
+    }
+
+    /// Takes the first frame of the parts at rest, and learns from it how long they went on.
+    pub(super) fn rest(&mut self, frame: &CandidateFrame) {
+        let Some(stopped) = self.stopped.take() else { return };
+        let seen = frame.candidates.iter().filter_map(|candidate| {
+            let track = self.tracks.get(&candidate.id)?;
+            let rate_rad_s = track.rate_rad_s.filter(|rate_rad_s| *rate_rad_s > MOVING_RAD_S)?;
+            let moved_s = turn_rad(track.angle_rad, angle_rad(candidate)) / rate_rad_s;
+            Some(moved_s - stopped.saturating_sub(track.stamp).as_secs_f64())
+        });
+        let seen_s: Vec<f64> = seen.collect();
+        if !seen_s.is_empty() {
+            let mean_s = seen_s.iter().sum::<f64>() / seen_s.len() as f64;
+            self.stop_drift_s = (self.stop_drift_s + GAIN * (mean_s - self.stop_drift_s)).clamp(0.0, 2.0);
+        }
+    }
+
+    /// The parts of a frame where they would come to rest if feeding were stopped now. Those that would go over the
+    /// drop-off are no longer on the plateau.
+    pub(super) fn at_rest(&self, frame: &CandidateFrame, now: Stamp) -> CandidateFrame {
+        let on_s = now.saturating_sub(frame.stamp).as_secs_f64() + self.stop_drift_s;
+        let candidates = frame.candidates.iter().map(|candidate| {
+            let turn_rad = self.rate_rad_s(candidate) * on_s;
+            let left_rad = self.way_to_drop_off_rad(candidate);
+            Candidate {
+                position_in_tray_m: Rotation2::new(turn_rad) * candidate.position_in_tray_m,
+                on_plateau: candidate.on_plateau && turn_rad < left_rad,
+                ..candidate.clone()
+            }
+        });
+        CandidateFrame { candidates: candidates.collect(), ..frame.clone() }
+    }
+
+    /// How long a part will stay on the plateau if feeding goes on, s.
+    pub(super) fn stays_s(&self, candidate: &Candidate) -> f64 {
+        let rate_rad_s = self.rate_rad_s(candidate);
+        if rate_rad_s > 0.0 { self.way_to_drop_off_rad(candidate) / rate_rad_s } else { f64::INFINITY }
+    }
+
+    /// Mean time between fitting parts that come while feeding, s.
+    pub(super) fn interval_s(&self) -> f64 {
+        (self.fed_s + PRIOR_S) / (self.arrived + 1.0)
+    }
+
+    /// How far a part can turn with its whole outline on the plateau, rad.
+    fn way_to_drop_off_rad(&self, candidate: &Candidate) -> f64 {
+        let radius_m = candidate.position_in_tray_m.norm();
+        let half_rad = if radius_m > candidate.radius_m { (candidate.radius_m / radius_m).asin() } else { PI };
+        TAU - half_rad - angle_rad(candidate)
+    }
+
+    /// The part's own angular velocity, or the mean of the others as long as it was seen once only.
+    fn rate_rad_s(&self, candidate: &Candidate) -> f64 {
+        let own = self.tracks.get(&candidate.id).and_then(|track| track.rate_rad_s);
+        own.unwrap_or_else(|| {
+            let rates: Vec<f64> = self.tracks.values().filter_map(|track| track.rate_rad_s).collect();
+            if rates.is_empty() { 0.0 } else { rates.iter().sum::<f64>() / rates.len() as f64 }
+        })
+    }
+}
+
+/// The smaller turn from one angle to another, rad.
+fn turn_rad(from_rad: f64, to_rad: f64) -> f64 {
+    (to_rad - from_rad + PI).rem_euclid(TAU) - PI
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tour::testing::candidate;
+    use super::*;
+
+    /// Parts at a radius of 70 mm that turn at a rate.
+    fn frame(at_ms: u64, angles_rad: &[(u64, f64)]) -> CandidateFrame {
+        let candidates: Vec<Candidate> =
+            angles_rad.iter().map(|&(id, angle)| candidate(id, 0.07 * angle.cos(), 0.07 * angle.sin())).collect();
+        CandidateFrame { stamp: Stamp::from_millis(at_ms), seen: candidates.len(), candidates }
+    }
+
+    fn fed(drift: &mut Drift, rate_rad_s: f64) {
+        drift.start();
+        for step in 0..10_u32 {
+            let turned = rate_rad_s * 0.1 * f64::from(step);
+            drift.feed(&frame(u64::from(step) * 100, &[(1, 4.0 + turned), (2, 6.0 + turned)]), |_| true);
+        }
+    }
+
+    #[test]
+    fn parts_are_predicted_where_their_own_speed_takes_them() {
+        let mut drift = Drift::new(0.4);
+        fed(&mut drift, 0.2);
+        let last = frame(900, &[(1, 4.18), (2, 6.18)]);
+        let rest = drift.at_rest(&last, Stamp::from_millis(1000));
+        assert!((angle_rad(&rest.candidates[0]) - 4.28).abs() < 1e-9);
+        assert!(rest.candidates[0].on_plateau);
+        // The outline reaches 2π at 6.2475.
+        assert!(!rest.candidates[1].on_plateau);
+        assert!((drift.stays_s(&last.candidates[1]) - (TAU - 0.0025_f64.atan2(0.07) - 6.18) / 0.2).abs() < 0.01);
+    }
+
+    #[test]
+    fn the_time_to_rest_is_learned_from_what_was_seen() {
+        let mut drift = Drift::new(0.0);
+        for _ in 0..30 {
+            fed(&mut drift, 0.2);
+            drift.stop(Stamp::from_millis(1000));
+            // 0.1 s from the last frame to the order, 0.35 s after it.
+            drift.rest(&frame(1800, &[(1, 4.18 + 0.2 * 0.45)]));
+        }
+        assert!((drift.stop_drift_s - 0.35).abs() < 1e-3, "{}", drift.stop_drift_s);
+    }
+
+    #[test]
+    fn the_interval_between_fitting_parts_is_learned() {
+        let mut drift = Drift::new(0.0);
+        drift.start();
+        for step in 0..1200_u64 {
+            // A new part every 0.5 s, one at a time; every other one fits.
+            drift.feed(&frame(step * 100, &[(step / 5, 4.0)]), |candidate| candidate.id % 2 == 0);
+        }
+        assert!((drift.interval_s() - 1.0).abs() < 0.1, "{}", drift.interval_s());
+    }
+}

@@ -1,0 +1,196 @@
+//! What happens at the feeding place.
+
+use std::cmp::Ordering;
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use super::super::choice::{Candidate, angle_rad, fitting};
+use super::super::config::Strategy;
+use super::super::protocol::{Failure, Output, Stamp, Warning};
+use super::super::tour::{Stop, Tour, best_tour};
+use super::{DeliverySequencer, State, late, mean_s};
+
+impl DeliverySequencer {
+    /// Looks with nothing on the plateau after which it counts as empty.
+    const EMPTY_LOOKS: u32 = 5;
+
+    pub(super) fn idle(&mut self, now: Stamp) -> bool {
+        let area = self.parking();
+        let parked = self.leases.park(now, &area, &mut self.outputs);
+        if self.queue.is_empty() {
+            self.feed(false);
+            return false;
+        }
+        match self.courier {
+            Some(report) if parked && self.at_feeding_place(&report) => self.stop(now),
+            Some(_) if parked => self.go_back(now),
+            _ => false,
+        }
+    }
+
+    pub(super) fn feeding(&mut self, now: Stamp, since: Stamp, starved: bool) -> bool {
+        self.feed(true);
+        let seen = self.frame.as_ref().map_or(since, |frame| frame.stamp.max(since));
+        if late(now, seen, self.config.look_timeout_s) {
+            return self.fail(now, Failure::NoImage);
+        }
+        if !starved && late(now, since, self.config.starvation_s) {
+            self.outputs.push(Output::Warning(Warning::Starved(since)));
+            return self.enter(State::Feeding { since, starved: true }, None);
+        }
+        let Some(frame) = self.frame.clone().filter(|frame| frame.stamp > since && self.fed_frame < Some(frame.stamp))
+        else {
+            return false;
+        };
+        self.fed_frame = Some(frame.stamp);
+        let wanted: Vec<u64> =
+            frame.candidates.iter().filter(|part| self.is_wanted(part)).map(|part| part.id).collect();
+        self.drift.feed(&frame, |candidate| wanted.contains(&candidate.id));
+        let stop = match self.config.strategy {
+            Strategy::Naive => late(now, since, self.config.naive.feed_s) && !wanted.is_empty(),
+            Strategy::Optimal => late(now, since, self.config.feed_s_min) && self.is_time_to_stop(now),
+        };
+        stop && self.stop(now)
+    }
+
+    /// Whether a trip with the parts that would come to rest now delivers more a minute than one that waits for another
+    /// part, or would lose one that waits.
+    fn is_time_to_stop(&self, now: Stamp) -> bool {
+        let Some(frame) = &self.frame else { return false };
+        let at_rest = self.drift.at_rest(frame, now);
+        let offers = self.offers();
+        let best = best_tour(&at_rest, &offers, &self.config, &self.planner, &self.overheads);
+        let Some(tour) = best else { return false };
+        let most = offers.len().min(usize::try_from(self.config.stops_max).unwrap_or(1));
+        if tour.stops.len() >= most {
+            return true;
+        }
+        let wait_s = self.drift.interval_s();
+        let is_lost = |stop: &Stop| {
+            let seen = frame.candidates.iter().find(|candidate| candidate.id == stop.choice.candidate.id);
+            seen.is_none_or(|seen| self.drift.stays_s(seen) < wait_s + self.config.stop_drift_s)
+        };
+        if tour.stops.iter().any(is_lost) {
+            return true;
+        }
+        // One more stop costs about what one of these does, beside its wait.
+        let stops = tour.stops.len() as f64;
+        let longer = Tour { duration_s: tour.duration_s * (stops + 1.0) / stops + wait_s, ..tour.clone() };
+        let with_another_per_s = (stops + 1.0) / (longer.duration_s + self.overheads.stop_s);
+        tour.rate_per_s(&self.overheads) >= with_another_per_s
+    }
+
+    pub(super) fn purging(
+        &mut self,
+        now: Stamp,
+        since: Stamp,
+        deadline: Stamp,
+        empty: u32,
+        seen: Option<Stamp>,
+    ) -> bool {
+        self.feed(true);
+        if now >= deadline {
+            let left = self.frame.as_ref().map_or(0, |frame| frame.seen);
+            return self.end_purge(Err(format!("{left} parts are still on the plateau")));
+        }
+        let Some(frame) = self.frame.as_ref().filter(|frame| frame.stamp > since && seen < Some(frame.stamp)) else {
+            return false;
+        };
+        let empty = if frame.seen == 0 { empty + 1 } else { 0 };
+        self.state = State::Purging { since, deadline, empty, seen: Some(frame.stamp) };
+        empty >= Self::EMPTY_LOOKS && self.end_purge(Ok(()))
+    }
+
+    pub(super) fn end_purge(&mut self, result: Result<(), String>) -> bool {
+        self.outputs.push(Output::Purged(result));
+        self.enter(State::Idle, None)
+    }
+
+    pub(super) fn stopping(&mut self, now: Stamp, since: Stamp) -> bool {
+        let stopped = self.rest_since.is_some() && self.courier.is_some_and(|report| report.stamp >= since);
+        let waited = match self.config.strategy {
+            Strategy::Optimal => true,
+            Strategy::Naive => late(now, since, self.config.naive.stop_s),
+        };
+        if stopped && waited {
+            return self.enter(State::Settling, None);
+        }
+        late(now, since, self.config.stop_timeout_s) && self.fail(now, Failure::DidNotStop)
+    }
+
+    pub(super) fn settling(&mut self, now: Stamp) -> bool {
+        match self.rest_since {
+            None => self.stop(now),
+            Some(rest_since) if now >= rest_since + self.config.settle() => {
+                self.enter(State::Looking { since: now, rest_since, seen: None, looks: 0 }, None)
+            }
+            Some(_) => false,
+        }
+    }
+
+    pub(super) fn looking(
+        &mut self,
+        now: Stamp,
+        since: Stamp,
+        rest_since: Stamp,
+        seen: Option<Stamp>,
+        looks: u32,
+    ) -> bool {
+        if self.rest_since != Some(rest_since) {
+            return self.stop(now);
+        }
+        let settled = rest_since + self.config.settle();
+        let fresh = self.frame.clone().filter(|frame| frame.stamp >= settled && seen < Some(frame.stamp));
+        let Some(frame) = fresh else {
+            return late(now, seen.unwrap_or(since), self.config.look_timeout_s) && self.fail(now, Failure::NoImage);
+        };
+        self.drift.rest(&frame);
+        if let Some(stops) = self.choose() {
+            if let Some(stopped) = self.stopped.take() {
+                self.overheads.stop_s = mean_s(self.overheads.stop_s, stopped, now);
+            }
+            return self.depart(now, stops);
+        }
+        if looks + 1 >= self.config.looks {
+            self.drift.start();
+            return self.enter(State::Feeding { since: now, starved: false }, self.expected(now));
+        }
+        self.state = State::Looking { since, rest_since, seen: Some(frame.stamp), looks: looks + 1 };
+        true
+    }
+
+    /// When the oldest request may be served if feeding begins now.
+    fn expected(&self, now: Stamp) -> Option<Stamp> {
+        let oldest = self.queue.front()?;
+        let leg_s = self.planner.estimate_s((oldest.station_m - self.config.feeding_place.xy()).norm());
+        let s = self.drift.interval_s().max(self.config.feed_s_min) + self.overheads.stop_s + leg_s;
+        Some(now + Duration::from_secs_f64(s))
+    }
+
+    /// The stops of the next trip with the parts as they lie.
+    fn choose(&self) -> Option<VecDeque<Stop>> {
+        let frame = self.frame.as_ref()?;
+        if self.config.strategy == Strategy::Optimal {
+            let tour = best_tour(frame, &self.offers(), &self.config, &self.planner, &self.overheads)?;
+            return Some(tour.stops.into());
+        }
+        let oldest = self.queue.front()?;
+        let later = |a: &&Candidate, b: &&Candidate| angle_rad(a).partial_cmp(&angle_rad(b)).unwrap_or(Ordering::Equal);
+        let fits = |part: &Candidate| {
+            fitting(part, frame.stamp, &oldest.request, &oldest.station_m, &self.config, &self.planner)
+        };
+        let part = frame.candidates.iter().filter(|part| fits(part).is_some()).max_by(later)?;
+        fits(part).map(|choice| [Stop { id: oldest.id, choice }].into())
+    }
+
+    /// Feeding off, and on to a look at the parts at rest.
+    pub(super) fn stop(&mut self, now: Stamp) -> bool {
+        if self.feed_on == Some(true) {
+            self.drift.stop(now);
+        }
+        self.feed(false);
+        self.stopped = Some(now);
+        let expected = self.queue.front().map(|_| now + Duration::from_secs_f64(self.overheads.stop_s));
+        self.enter(State::Stopping { since: now }, expected)
+    }
+}

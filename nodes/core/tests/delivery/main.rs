@@ -1,0 +1,8 @@
+//! Moves against theory and table, and whole deliveries with a courier, a camera and a manipulator around the sequencer.
+#![expect(clippy::unwrap_used, reason = "what fails to set up fails the test")]
+
+mod arbiter;
+mod moves;
+mod sequences;
+mod shared_platen;
+mod world;

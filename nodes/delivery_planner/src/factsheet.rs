@@ -1,0 +1,51 @@
+//! What the feeder tells other agents about itself.
+
+use feeder_core::scenario::{PLATEN_NAMESPACE, Scenario};
+use minifactory_msgs::geometry_msgs::msg::Point;
+use minifactory_msgs::msg::{Factsheet, Recipe, StationFact};
+
+/// Version of the protocol that `msgs/PROTOCOL.md` describes.
+const PROTOCOL_VERSION: &str = "1.0";
+
+/// The factsheet of a scenario's feeder, with its first recipe in force.
+pub(crate) fn of(config: &Scenario) -> Factsheet {
+    let delivery = config.delivery();
+    let (gentle, limits) = (delivery.gentle(), &config.courier.limits);
+    let by_friction_m_s2 = gentle.friction_share * gentle.friction * gentle.gravity_m_s2;
+    let by_motor_m_s2 = limits.translation_acceleration_m_s2_max(&config.courier.load);
+    let recipes = config.recipes();
+    let stations = config.stations.iter().map(|station| StationFact {
+        name: station.name.clone(),
+        tool_in_platen: Point { x: station.x_m, y: station.y_m, z: config.tray.plateau_height_m() },
+        rechecked: delivery.rechecked_stations.contains(&station.name),
+    });
+    let flat = |x: f64, y: f64| Point { x, y, z: 0.0 };
+    Factsheet {
+        protocol_version: PROTOCOL_VERSION.to_owned(),
+        feeder: config.feeder.clone(),
+        platen_frame: "platen".to_owned(),
+        tray_frame: format!("{}/tray", config.feeder),
+        recipe: recipes.first().map(|recipe| recipe.name.clone()).unwrap_or_default(),
+        recipes: recipes
+            .into_iter()
+            .map(|recipe| Recipe {
+                name: recipe.name,
+                part_class: config.part.name.clone(),
+                pose_classes: recipe.pose_classes,
+                part_diameter_m: config.part.diameter_m,
+                part_height_m: config.part.thickness_m,
+            })
+            .collect(),
+        stations: stations.collect(),
+        tolerance_m_min: delivery.tolerance_m_min,
+        hand_over_timeout_s: delivery.hand_over_timeout_s,
+        starvation_s: delivery.starvation_s,
+        feeding_place: flat(delivery.feeding_place.x, delivery.feeding_place.y),
+        reach_min: flat(limits.x_m_min, limits.y_m_min),
+        reach_max: flat(limits.x_m_max, limits.y_m_max),
+        footprint_radius_m: delivery.footprint_radius_m,
+        speed_m_s_max: limits.speed_m_s_max,
+        acceleration_m_s2_max: by_friction_m_s2.min(by_motor_m_s2),
+        reserve_area: if delivery.arbitrated { format!("{PLATEN_NAMESPACE}/reserve_area") } else { String::new() },
+    }
+}

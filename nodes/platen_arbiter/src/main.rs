@@ -1,0 +1,5 @@
+//! The executable of the node.
+
+fn main() -> std::process::ExitCode {
+    feeder_runtime::main::<platen_arbiter::PlatenArbiter>()
+}

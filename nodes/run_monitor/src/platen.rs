@@ -1,0 +1,97 @@
+//! Whether couriers that share a platen keep apart, found from where they are, not from what they say.
+
+use feeder_core::platen::Area;
+use feeder_core::scenario::{PLATEN_NAMESPACE, Scenario};
+use feeder_runtime::dds::Qos;
+use feeder_runtime::node::{Declare, Latency, StepIo, Subscriber};
+use minifactory_msgs::msg::AreaLeases;
+use minifactory_msgs::nav_msgs::msg::Odometry;
+use nalgebra::Vector2;
+
+use crate::progress::Progress;
+
+/// Rounding and tracking that do not count as leaving an area, m.
+const SLACK_M: f64 = 1e-4;
+
+/// Handles of the ports for the platen.
+pub(crate) struct Ports {
+    couriers: Vec<Subscriber<Odometry>>,
+    leases: Subscriber<AreaLeases>,
+}
+
+impl Ports {
+    /// Nothing on a platen that is not shared.
+    pub(crate) fn declare(io: &mut Declare, config: &Scenario) -> Option<Self> {
+        config.is_arbitrated().then(|| Self {
+            couriers: config
+                .feeder_names()
+                .map(|feeder| io.subscriber(&format!("/{feeder}/odometry"), Latency::Forward, Qos::command()))
+                .collect(),
+            leases: io.subscriber(&format!("{PLATEN_NAMESPACE}/leases"), Latency::Forward, Qos::latched()),
+        })
+    }
+}
+
+/// Watches the platen.
+pub(crate) struct PlatenMonitor {
+    ports: Ports,
+    feeders: Vec<String>,
+    footprint_radius_m: f64,
+    places_m: Vec<Option<Vector2<f64>>>,
+    leases: Option<Vec<(String, Area)>>,
+}
+
+impl PlatenMonitor {
+    pub(crate) fn new(ports: Ports, config: &Scenario) -> Self {
+        let feeders: Vec<String> = config.feeder_names().map(str::to_owned).collect();
+        Self {
+            ports,
+            places_m: vec![None; feeders.len()],
+            feeders,
+            footprint_radius_m: config.delivery.footprint_radius_m,
+            leases: None,
+        }
+    }
+
+    pub(crate) fn watch(&mut self, io: &mut StepIo, progress: &mut Progress) {
+        for (port, place_m) in self.ports.couriers.iter().zip(&mut self.places_m) {
+            if let Some(odometry) = io.take(port).pop() {
+                let position = &odometry.pose.pose.position;
+                *place_m = Some(Vector2::new(position.x, position.y));
+            }
+        }
+        if let Some(message) = io.take(&self.ports.leases).pop() {
+            let leases = message.leases.into_iter().map(|lease| {
+                let points_m = lease.area.points.iter().map(|point| Vector2::new(point.x, point.y)).collect();
+                (lease.agent, Area { points_m, radius_m: lease.area.radius_m })
+            });
+            self.leases = Some(leases.collect());
+        }
+        self.check_distances(progress);
+        self.check_areas(progress);
+    }
+
+    fn check_distances(&self, progress: &mut Progress) {
+        for (index, first) in self.places_m.iter().enumerate() {
+            for second in &self.places_m[..index] {
+                let (Some(first), Some(second)) = (first, second) else { continue };
+                let distance_m = (first - second).norm();
+                progress.couriers_closest_m =
+                    Some(progress.couriers_closest_m.map_or(distance_m, |closest_m| closest_m.min(distance_m)));
+                progress.collisions += u32::from(distance_m < 2.0 * self.footprint_radius_m);
+            }
+        }
+    }
+
+    fn check_areas(&self, progress: &mut Progress) {
+        let Some(leases) = &self.leases else { return };
+        for (feeder, place_m) in self.feeders.iter().zip(&self.places_m) {
+            let Some(place_m) = place_m else { continue };
+            let mut held = leases.iter().filter(|(agent, _)| agent == feeder).peekable();
+            // Before its first lease a courier rests where it was put.
+            let has_any = held.peek().is_some();
+            let inside = held.any(|(_, area)| area.excess_m(place_m, self.footprint_radius_m) <= SLACK_M);
+            progress.out_of_area += u32::from(has_any && !inside);
+        }
+    }
+}

@@ -1,0 +1,118 @@
+//! How a run has gone so far.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What a planner does with its time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Activity {
+    /// Nothing is asked for.
+    Idle,
+    /// Feeding until parts fit.
+    Wait,
+    /// The vibration ends.
+    Stop,
+    /// Parts come to rest.
+    Settle,
+    /// Looking at the parts at rest, and choosing.
+    Look,
+    /// Waiting for an area of the platen.
+    Reserve,
+    /// On the way to a station.
+    Move,
+    /// Under a station, until released.
+    Pick,
+    /// On the way back.
+    Return,
+}
+
+impl Activity {
+    /// All but idling, in the order of a delivery, with their names.
+    pub const OF_A_DELIVERY: [(Self, &'static str); 8] = [
+        (Self::Wait, "wait"),
+        (Self::Stop, "stop"),
+        (Self::Settle, "settle"),
+        (Self::Look, "look"),
+        (Self::Reserve, "reserve"),
+        (Self::Move, "move"),
+        (Self::Pick, "pick"),
+        (Self::Return, "return"),
+    ];
+}
+
+/// How one feeder has done.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct FeederProgress {
+    /// Name of the feeder.
+    pub name: String,
+    /// Entries to the plateau.
+    pub fed: u32,
+    /// Parts that the selector saw.
+    pub seen: BTreeSet<u32>,
+    /// Parts that the selector called right.
+    pub selected: BTreeSet<u32>,
+    /// Parts picked.
+    pub delivered: u32,
+    /// Parts picked in another pose than the wanted one.
+    pub wrong_pose_delivered: u32,
+    /// Largest displacement in the tray frame of a delivered part between settled and picked, m; nothing while none was
+    /// followed.
+    pub max_slip_m: Option<f64>,
+    /// Delivered parts that could not be followed, so that their slip is not known.
+    pub slips_unknown: u32,
+    /// Parts that vanished from the feeder without being picked.
+    pub parts_lost: u32,
+    /// Parts that were picked twice, or that were in the feeder again after they had been picked.
+    pub parts_doubled: u32,
+    /// Deliveries that the planner accepted.
+    pub accepted: u32,
+    /// Deliveries that ended with the part taken.
+    pub succeeded: u32,
+    /// Deliveries that failed, by the outcome of the action's result.
+    pub failed_by_outcome: Vec<u32>,
+    /// What the planner did with its time, s.
+    pub spent_s: BTreeMap<Activity, f64>,
+}
+
+/// How a run has gone so far.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Progress {
+    /// Each feeder.
+    pub feeders: Vec<FeederProgress>,
+    /// Smallest distance between the centres of two couriers so far, m; nothing with one courier.
+    pub couriers_closest_m: Option<f64>,
+    /// Ticks in which two couriers overlapped.
+    pub collisions: u32,
+    /// Ticks in which a courier reached out of the areas it held.
+    pub out_of_area: u32,
+}
+
+impl Progress {
+    /// Sums a count over the feeders.
+    pub fn sum(&self, count: impl Fn(&FeederProgress) -> u32) -> u32 {
+        self.feeders.iter().map(count).sum()
+    }
+
+    /// Parts picked.
+    #[must_use]
+    pub fn delivered(&self) -> u32 {
+        self.sum(|feeder| feeder.delivered)
+    }
+
+    /// Distinct parts that the selector saw.
+    #[must_use]
+    pub fn seen(&self) -> usize {
+        self.feeders.iter().map(|feeder| feeder.seen.len()).sum()
+    }
+
+    /// Distinct parts that the selector called right.
+    #[must_use]
+    pub fn selected(&self) -> usize {
+        self.feeders.iter().map(|feeder| feeder.selected.len()).sum()
+    }
+
+    /// Largest slip of a delivered part, m; nothing while none was followed.
+    #[must_use]
+    pub fn max_slip_m(&self) -> Option<f64> {
+        self.feeders.iter().filter_map(|feeder| feeder.max_slip_m).reduce(f64::max)
+    }
+}
