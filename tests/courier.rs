@@ -186,7 +186,7 @@ fn bad_goals_and_waveforms_are_refused_with_the_reason_and_nothing_moves() {
         (|goal| goal.trajectory.joint_names[2] = "elbow".to_owned(), joints, "elbow"),
         (|goal| goal.trajectory.joint_names.truncate(2), joints, "courier_yaw"),
         (|goal| goal.trajectory.points[0].positions[1] = 0.6, invalid, "courier_y (m)"),
-        (|goal| goal.trajectory.points[0].positions[0] = 1e6, invalid, "courier_x (m)"),
+        (|goal| goal.trajectory.points[0].positions[0] = 1e6, invalid, "acceleration (m/s²)"),
         (|goal| goal.trajectory.points[0].positions[2] = 0.1, invalid, "courier_yaw (rad)"),
         (|goal| goal.trajectory.points[0].velocities[0] = 0.1, invalid, "last point has a velocity"),
         (
@@ -213,7 +213,7 @@ fn bad_goals_and_waveforms_are_refused_with_the_reason_and_nothing_moves() {
         bench.waveform.publish(cdr::encode(&message).unwrap()).unwrap();
     }
     // What was published before is known to have arrived when a later goal has been answered and a state has come.
-    assert!(client.refused(&goal(1, 10.0)).1.contains("courier_x"));
+    assert!(client.refused(&goal(20, 10.0)).1.contains("courier_x (m)"));
     for _ in 0..20 {
         let (after, state) = bench.look();
         assert!(!state.moving && !state.vibrating && state.fault.is_empty(), "{state:?}");
