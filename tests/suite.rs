@@ -3,10 +3,12 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod analysis;
+mod cell;
 mod common;
 mod cyclone;
 mod faults;
 mod interop;
+mod partner;
 mod system;
 mod tidy;
 mod wall_clock;

@@ -36,7 +36,7 @@ pub(crate) struct UpArgs {
     pub(crate) scenario: Option<PathBuf>,
     /// Simulated seconds per wall second: a positive number, or max
     #[arg(long, default_value = "max", value_parser = parse_speed, allow_negative_numbers = true, value_name = "1|N|max")]
-    speed: Speed,
+    pub(crate) speed: Speed,
     /// Seed of all random numbers, instead of the scenario's
     #[arg(long, allow_negative_numbers = true)]
     pub(crate) seed: Option<u64>,
@@ -48,16 +48,16 @@ pub(crate) struct UpArgs {
     pub(crate) duration: Option<f64>,
     /// End when so many parts are delivered, instead of the scenario's goal
     #[arg(long, value_name = "PARTS", value_parser = clap::value_parser!(u32).range(1..))]
-    goal: Option<u32>,
+    pub(crate) goal: Option<u32>,
     /// All nodes in this process instead of one process each
     #[arg(long)]
     pub(crate) composed: bool,
     /// Write the summary to this file (JSON)
     #[arg(long, value_name = "FILE")]
-    summary: Option<PathBuf>,
+    pub(crate) summary: Option<PathBuf>,
     /// Write a fingerprint of every topic to this file
     #[arg(long, value_name = "FILE")]
-    digest: Option<PathBuf>,
+    pub(crate) digest: Option<PathBuf>,
 }
 
 impl Default for UpArgs {
