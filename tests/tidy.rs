@@ -18,7 +18,7 @@ const LIBRARIES: &[(&str, &[&str])] = &[
     ("minifactory_msggen", &[]),
     ("minifactory_msgs", &["feeder_core", "minifactory_msggen"]),
     ("feeder_runtime", &["minifactory_msgs"]),
-    ("feeder_bags", &["minifactory_msgs"]),
+    ("feeder_bags", &["minifactory_msggen", "minifactory_msgs", "feeder_runtime"]),
 ];
 const NODE_USES: &[&str] = &["feeder_core", "minifactory_msgs", "feeder_runtime"];
 

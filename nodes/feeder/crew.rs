@@ -44,6 +44,7 @@ impl Crew {
         contract: &LoopContract,
         domain: &Domain,
         digest_dir: Option<&Path>,
+        record_to: Option<&Path>,
     ) -> anyhow::Result<Self> {
         let contract_file = work.join("contract.json");
         std::fs::write(&contract_file, serde_json::to_vec(contract)?)?;
@@ -58,6 +59,9 @@ impl Crew {
             command.arg("--config").arg(&scenario_file).arg("--loop").arg(&contract_file);
             if let Some(dir) = digest_dir {
                 command.arg("--digest-dir").arg(dir);
+            }
+            if let Some(socket) = record_to {
+                command.arg("--record-to").arg(socket);
             }
             export(domain, &mut command);
             own_process_group(&mut command);

@@ -1,9 +1,11 @@
 //! The `feeder` command: each subcommand lives in a module of its own, this file only names them.
 
 mod analysis;
+mod bag;
 mod compare;
 mod crew;
 mod plan_move;
+mod recording;
 mod scenario_file;
 mod slip_study;
 mod summary;
@@ -30,6 +32,7 @@ enum Command {
     Up(up::UpArgs),
     Check(scenario_file::CheckArgs),
     Node(NodeArgs),
+    Bag(bag::BagArgs),
     Teach(teach::TeachArgs),
     PlanMove(plan_move::Args),
     SlipStudy(slip_study::Args),
@@ -59,6 +62,10 @@ fn main() -> ExitCode {
         }
         Command::Check(args) => scenario_file::check(&args),
         Command::Node(args) => return node(args),
+        Command::Bag(args) => {
+            feeder_runtime::start_logging(None);
+            return bag::run(&args);
+        }
         Command::Teach(args) => teach::run(&args),
         Command::PlanMove(args) => plan_move::run(&args),
         Command::SlipStudy(args) => slip_study::run(&args),

@@ -3,9 +3,20 @@
 use std::sync::Arc;
 
 use feeder_core::scenario::Scenario;
-use feeder_runtime::launch::{Seat, full_name, interface, run_in_loop};
-use feeder_runtime::lockstep::RunError;
-use feeder_runtime::node::{FeederNode, Interface};
+use feeder_runtime::launch::{Recorded, Seat, full_name, interface, replay, run_in_loop};
+use feeder_runtime::lockstep::{LoopContract, RunError};
+use feeder_runtime::node::{FeederNode, Interface, NodeError};
+
+/// Runs a node of a run in a namespace alone for so many ticks: what it hears, which topics are wanted, and where they go.
+pub(crate) type Replay = fn(
+    &LoopContract,
+    &str,
+    &Scenario,
+    u64,
+    &mut dyn Iterator<Item = Recorded>,
+    &dyn Fn(&str) -> bool,
+    &mut dyn FnMut(Recorded),
+) -> Result<(), NodeError>;
 
 /// A kind of node, with its generics bound.
 pub(crate) struct NodeEntry {
@@ -17,6 +28,8 @@ pub(crate) struct NodeEntry {
     pub(crate) interface: fn(&str, &Scenario) -> Interface,
     /// Runs it in a loop.
     pub(crate) run: fn(&Seat, &Scenario) -> Result<(), RunError>,
+    /// Runs it alone on what a run recorded.
+    pub(crate) replay: Replay,
     /// Runs its own command line, without the program's name.
     pub(crate) main: fn(Vec<std::ffi::OsString>) -> std::process::ExitCode,
 }
@@ -27,6 +40,7 @@ const fn entry<N: FeederNode<Config = Scenario>>() -> NodeEntry {
         namespaces: N::namespaces,
         interface: interface::<N>,
         run: run_in_loop::<N>,
+        replay: replay::<N>,
         main: feeder_runtime::main_with::<N>,
     }
 }

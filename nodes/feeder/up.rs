@@ -15,6 +15,7 @@ use feeder_runtime::node::{Declare, FeederNode, Interface};
 use run_monitor::{Progress, RunMonitor};
 
 use crate::crew::{Crew, NodeThread};
+use crate::recording::{RecordOptions, Recording};
 use crate::summary::Summary;
 use crate::table::placed;
 use crate::view::View;
@@ -58,6 +59,8 @@ pub(crate) struct UpArgs {
     /// Write a fingerprint of every topic to this file
     #[arg(long, value_name = "FILE")]
     pub(crate) digest: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) recording: RecordOptions,
 }
 
 impl Default for UpArgs {
@@ -72,7 +75,21 @@ impl Default for UpArgs {
             composed: false,
             summary: None,
             digest: None,
+            recording: RecordOptions::default(),
         }
+    }
+}
+
+impl UpArgs {
+    /// To run a scenario as fast as the machine allows, and record it.
+    pub(crate) fn again(
+        scenario: PathBuf,
+        duration_s: f64,
+        composed: bool,
+        domain: Option<u16>,
+        recording: RecordOptions,
+    ) -> Self {
+        Self { scenario: Some(scenario), duration: Some(duration_s), composed, domain, recording, ..Self::default() }
     }
 }
 
@@ -125,6 +142,8 @@ pub(crate) fn execute(
     std::fs::create_dir(&digests)?;
     let digest_dir = args.digest.is_some().then(|| digests.clone());
     let progress = Arc::new(Mutex::new(Progress::default()));
+    let recording = Recording::start(&args.recording, work.path(), &contract, scenario)?;
+    let record_to = recording.as_ref().map(Recording::socket);
 
     let hub = args.composed.then(Hub::default);
     let left_early = Arc::new(AtomicBool::new(false));
@@ -134,24 +153,31 @@ pub(crate) fn execute(
         domain,
         hub: hub.clone(),
         digest_dir: digest_dir.clone(),
+        record_to: record_to.map(Path::to_owned),
         stop: Arc::clone(&left_early),
     };
     let monitor = start_monitor(&seat(&format!("/{}", scenario.feeder)), scenario, Arc::clone(&progress))?;
     let mut crew = if args.composed {
         Crew::threads(&seat, scenario)?
     } else {
-        Crew::processes(work.path(), scenario, &contract, &domain, digest_dir.as_deref())?
+        Crew::processes(work.path(), scenario, &contract, &domain, digest_dir.as_deref(), record_to)?
     };
 
     let end_tick = ticks(scenario.run.duration_s, contract.timing.tick_ns);
     let clock = Clock::new(contract.as_ref().clone(), args.speed, end_tick, START_UP_LIMIT);
     let clock_digest = Digest::new(digest_dir.as_deref(), "/clock", &contract.shared_topics);
     let mut clock = ClockRunner::open(&participant, &contract, hub.as_ref(), clock, clock_digest)?;
+    if let Some(socket) = record_to {
+        clock.record_to(socket, &contract).context("cannot record /clock")?;
+    }
     let view = View::new(end_tick, contract.timing.tick_ns);
     let result = clock.run(stop, |tick| {
         let now = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
         crew.for_each_line(|line| view.line(line));
         view.show(tick, &now);
+        if recording.as_ref().is_some_and(Recording::has_failed) {
+            return Err("the recorder has stopped".to_owned());
+        }
         crew.check()
     });
     let ended = Instant::now();
@@ -162,13 +188,17 @@ pub(crate) fn execute(
     view.close();
     let tick = clock.tick();
     let started_ticking = clock.started_at().unwrap_or(ended);
-    clock.finish().context("cannot keep the digest of /clock")?;
+    let told = clock.finish().context("cannot keep the digest or the record of /clock");
+    let recorded = recording.map_or(Ok(()), |recording| recording.finish(tick));
 
     let progress = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
     let (startup, wall) = (started_ticking - started, ended - started_ticking);
     let summary = Summary::new(&progress, scenario.is_arbitrated(), tick, contract.timing.tick_ns, startup, wall);
     let outcome = || {
+        // A recorder that fails ends the run: its reason comes first.
+        recorded?;
         result.context("the run ended early")?;
+        told?;
         left.context("the run reached its end, but not every node left well")?;
         match monitored {
             Ok(outcome) => outcome.context("the run monitor failed")?,

@@ -1,6 +1,9 @@
 //! All definitions, together with the types that ROS 2 derives from services and actions.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::PathBuf,
+};
 
 use crate::{
     error::{Error, Named, Problem},
@@ -34,6 +37,48 @@ impl Catalogue {
             })?;
         }
         catalogue.check_names()?;
+        catalogue.check_references()?;
+        Ok(catalogue)
+    }
+
+    /// Parses the schema of a message as bags carry it (`ros2msg`): its definition, then those of the types it refers
+    /// to, each after a line of at least ten `=` and a line `MSG: package/Name`. Here all of them are messages, also
+    /// those that ROS 2 derives from services and actions.
+    ///
+    /// # Errors
+    /// [`Error::Definition`] as for [`Catalogue::new`], with the name of the message in place of a file.
+    pub fn of_schema(name: &TypeName, schema: &str) -> Result<Self, Error> {
+        let mut catalogue = Self { structures: BTreeMap::new() };
+        let file = PathBuf::from(name.to_string());
+        for (first_line, heading, text) in schema::sections(schema) {
+            let fail = |problem| Error::Definition { file: file.clone(), line: first_line.max(2) - 1, problem };
+            let name = match heading {
+                None => TypeName { namespace: Namespace::Msg, ..name.clone() },
+                Some(heading) => {
+                    let (package, name) = heading
+                        .split_once('/')
+                        .map(|(package, name)| (package, name.strip_prefix("msg/").unwrap_or(name)))
+                        .ok_or_else(|| fail(Problem::Type(heading.to_owned())))?;
+                    parse::check_name(Named::Package, package).map_err(fail)?;
+                    parse::check_name(Named::Message, parse::without_suffix(name)).map_err(fail)?;
+                    TypeName::message(package, name)
+                }
+            };
+            // Some writers repeat a type.
+            if catalogue.structures.contains_key(&name) {
+                continue;
+            }
+            let source = Source {
+                package: name.package.clone(),
+                namespace: Namespace::Msg,
+                name: name.name.clone(),
+                file: file.clone(),
+                text: String::new(),
+            };
+            catalogue
+                .add_message(&source, name, Section { first_line, text })
+                .map_err(|LineProblem { line, problem }| Error::Definition { file: file.clone(), line, problem })?;
+        }
         catalogue.check_references()?;
         Ok(catalogue)
     }

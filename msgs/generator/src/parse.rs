@@ -187,10 +187,28 @@ fn parse_element(text: &str, package: &str) -> Result<Element, Problem> {
             }
             let (package, name) = text.split_once('/').unwrap_or((package, text));
             check_name(Named::Package, package).map_err(|_| Problem::Type(text.to_owned()))?;
-            check_name(Named::Message, name).map_err(|_| Problem::Type(text.to_owned()))?;
+            check_name(Named::Message, without_suffix(name)).map_err(|_| Problem::Type(text.to_owned()))?;
             Element::Nested(TypeName::message(package, name))
         }
     })
+}
+
+/// The name of the service or action that a derived message belongs to; other names as they are.
+pub(crate) fn without_suffix(name: &str) -> &str {
+    const DERIVED: [&str; 11] = [
+        "_Request",
+        "_Response",
+        "_Event",
+        "_Goal",
+        "_Result",
+        "_Feedback",
+        "_FeedbackMessage",
+        "_SendGoal_Request",
+        "_SendGoal_Response",
+        "_GetResult_Request",
+        "_GetResult_Response",
+    ];
+    name.split_once('_').filter(|(base, _)| DERIVED.contains(&&name[base.len()..])).map_or(name, |(base, _)| base)
 }
 
 fn parse_size(text: &str) -> Result<u32, Problem> {

@@ -5,6 +5,9 @@ use crate::{
     model::{Arity, Element, FieldType, Role, Structure},
 };
 
+/// Length of the line before a heading, at least, as others write it.
+const RULE_MIN: usize = 10;
+
 /// The definition of a type, then of each type it refers to, by name, each under a heading.
 pub(crate) fn concatenated(catalogue: &Catalogue, structure: &Structure) -> String {
     let name = &structure.name;
@@ -25,6 +28,24 @@ pub(crate) fn concatenated(catalogue: &Catalogue, structure: &Structure) -> Stri
         text.push_str(&reference.text);
     }
     text
+}
+
+/// The parts of a concatenated schema: number of the first line, heading (none for the first part), text.
+pub(crate) fn sections(schema: &str) -> Vec<(usize, Option<String>, String)> {
+    let is_rule = |line: &str| line.len() >= RULE_MIN && line.bytes().all(|byte| byte == b'=');
+    let mut sections = vec![(1, None, String::new())];
+    let mut lines = schema.lines().enumerate().peekable();
+    while let Some((index, line)) = lines.next() {
+        let heading = lines.peek().and_then(|(_, next)| next.strip_prefix("MSG:")).map(|name| name.trim().to_owned());
+        if is_rule(line.trim_end()) && heading.is_some() {
+            lines.next();
+            sections.push((index + 3, heading, String::new()));
+        } else if let Some((_, _, text)) = sections.last_mut() {
+            text.push_str(line);
+            text.push('\n');
+        }
+    }
+    sections
 }
 
 /// A type in the language of definitions.

@@ -152,7 +152,7 @@ fn read(file: &Path) -> std::io::Result<NodeDigest> {
 }
 
 /// Whether a digest covers `topic`: not those of wall time, and nothing hidden.
-fn covered(topic: &str) -> bool {
+pub(crate) fn covered(topic: &str) -> bool {
     !EXCLUDED.contains(&topic) && !topic.split('/').any(|token| token.starts_with('_'))
 }
 

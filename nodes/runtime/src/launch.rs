@@ -1,4 +1,4 @@
-//! Starts nodes: in a loop, or against the wall clock; from a table of all nodes, or from a node's own executable.
+//! Starts nodes: in a loop, against the wall clock, or on what a run recorded; from a table of all nodes, or from a node's own executable.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -6,14 +6,19 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
+mod replay;
+
+use bytes::Bytes;
+
 use crate::args::{NameKind, RosArgs};
 use crate::clock::Clock;
 use crate::dds::{Domain, NodeName, Participant};
 use crate::digest::Digest;
 use crate::housekeeping::{Housekeeping, parameters_of};
 use crate::lockstep::{DdsLinks, Hub, Links, LoopContract, RunError, Runner};
-use crate::node::{Declare, FeederNode, Interface, NodeError, PortKind, stamp_of_ns};
+use crate::node::{Arrival, Declare, FeederNode, Interface, NodeError, Output, PortKind, StepIo, stamp_of_ns};
 use crate::public::PublicSide;
+use crate::recording::Tap;
 use crate::wall_clock;
 
 /// Full name of the node `name` in `namespace`.
@@ -36,6 +41,8 @@ pub struct Seat {
     pub hub: Option<Hub>,
     /// Where to leave the digest, if one is wanted.
     pub digest_dir: Option<PathBuf>,
+    /// The socket of the run's recorder, if it is recorded.
+    pub record_to: Option<PathBuf>,
     /// Set to leave before the run ends.
     pub stop: Arc<AtomicBool>,
 }
@@ -93,9 +100,65 @@ pub fn run_opened<N: FeederNode>(
     };
     let public = PublicSide::open(&participant, &interface, &sender)?;
     let digest = Digest::new(seat.digest_dir.as_deref(), &full_name, &seat.contract.shared_topics);
+    let tap = seat.record_to.as_deref().map(|socket| Tap::open(socket, seat.contract.run_id, &full_name, &interface));
+    let tap = tap.transpose().map_err(RunError::Record)?;
     Runner::new(node, full_name, interface, &seat.contract, links, Some(public), digest)?
         .timed(now_ns)
+        .recorded(tap)
         .run(&inbox, &seat.stop)
+}
+
+/// A message of a recorded run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Recorded {
+    /// Its topic.
+    pub topic: String,
+    /// The tick in which it was published.
+    pub tick: u64,
+    /// Its CDR body, little endian.
+    pub payload: Bytes,
+}
+
+/// Runs node `N` alone on what a run recorded: the node gets in each of `ticks` ticks what it got then, and what it
+/// publishes on topics that are `wanted` goes to `publish`.
+///
+/// # Errors
+/// When the node fails, when it is not in the `contract`, and when it talks to others by services or by topics of
+/// several publishers: what was recorded does not tell who sent what when.
+pub fn replay<N: FeederNode>(
+    contract: &LoopContract,
+    namespace: &str,
+    config: &N::Config,
+    ticks: u64,
+    recorded: &mut dyn Iterator<Item = Recorded>,
+    wanted: &dyn Fn(&str) -> bool,
+    publish: &mut dyn FnMut(Recorded),
+) -> Result<(), NodeError> {
+    let name = full_name(namespace, N::NAME);
+    let mut declare = Declare::new(namespace);
+    let ports = N::declare(&mut declare, config);
+    let interface = declare.finish();
+    let delays = replay::delays(contract, &name, &interface)?;
+    let mut node = N::open(ports, config)?;
+    let mut io = StepIo::new(interface.ports.len(), contract.timing.tick_ns);
+    for (port, declared) in interface.ports.iter().enumerate() {
+        io.note_wanted(port, declared.kind == PortKind::Publish && wanted(&declared.name));
+    }
+    let mut inputs = replay::Inputs::new(delays, recorded);
+    for tick in 0..ticks {
+        io.begin(tick, tick * contract.timing.tick_ns);
+        for (port, payload) in inputs.due(tick) {
+            io.arrive(port, Arrival::Message { payload, little_endian: true });
+        }
+        node.step(&mut io)?;
+        io.end();
+        for output in std::mem::take(&mut io.outputs) {
+            if let Output::Message { port, payload } = output {
+                publish(Recorded { topic: interface.ports[port].name.clone(), tick, payload });
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Runs node `N` against the wall clock until `stop` is set. Stamps are wall time since 1970, as is usual in ROS.

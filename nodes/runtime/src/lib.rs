@@ -16,6 +16,7 @@ pub mod node;
 pub mod parameters;
 mod program;
 mod public;
+pub mod recording;
 pub mod rosout;
 pub mod service;
 pub mod testing;

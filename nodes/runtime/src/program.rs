@@ -31,6 +31,9 @@ struct Options {
     /// Leave a fingerprint of what was published in this folder
     #[arg(long, value_name = "DIR", requires = "contract")]
     digest_dir: Option<PathBuf>,
+    /// Hand over what was published to the recorder that listens at this socket
+    #[arg(long, value_name = "SOCKET", requires = "contract")]
+    record_to: Option<PathBuf>,
 }
 
 /// The whole `main` of the executable of node `N`.
@@ -93,6 +96,7 @@ fn run<N: FeederNode>(options: Options, ros: &RosArgs) -> Result<(), RunError> {
         domain,
         hub: None,
         digest_dir: options.digest_dir,
+        record_to: options.record_to,
         stop,
     };
     run_in_loop::<N>(&seat, &config)

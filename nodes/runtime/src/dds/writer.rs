@@ -1,4 +1,5 @@
-use std::sync::Arc;
+use std::sync::{Arc, mpsc};
+use std::time::Duration;
 
 use bytes::Bytes;
 use futures::{FutureExt, StreamExt};
@@ -65,6 +66,20 @@ impl Writer {
     /// [`PublishError::Closed`] when the middleware has failed.
     pub fn publish(&self, payload: Bytes) -> Result<(), PublishError> {
         self.outlet.send(payload, None, None).map(|_| ())
+    }
+
+    /// Waits until every matched reliable reader has all that was published so far, at most for `patience`; says whether
+    /// they do. Not to be called on the participant's own thread.
+    #[must_use]
+    pub fn wait_acknowledged(&self, patience: Duration) -> bool {
+        let (sender, done) = mpsc::channel();
+        let outlet = self.outlet();
+        self.participant.executor.spawner().spawn(async move {
+            outlet.acknowledged().await;
+            // Nobody waits any more when the patience has ended.
+            let _ = sender.send(());
+        });
+        done.recv_timeout(patience).is_ok()
     }
 
     /// DDS name of the topic.

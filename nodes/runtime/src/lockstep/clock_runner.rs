@@ -1,5 +1,6 @@
 //! Runs the clock: hears statuses, sends grants, publishes `/clock`.
 
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
@@ -17,6 +18,7 @@ use crate::cdr;
 use crate::dds::{DdsError, Participant, Qos, Reader, Writer};
 use crate::digest::Digest;
 use crate::node::{Interface, Port, PortKind, stamp_of_ns};
+use crate::recording::Tap;
 
 /// Between grants that say nothing new, so that a node can tell a slow clock from a dead one.
 const RENEW_PERIOD: Duration = Duration::from_millis(100);
@@ -47,6 +49,7 @@ pub struct ClockRunner {
     time_port: Port,
     told_tick: u64,
     digest: Digest,
+    tap: Option<Tap>,
     made_at: Instant,
 }
 
@@ -119,8 +122,19 @@ impl ClockRunner {
             time_port,
             told_tick: 0,
             digest,
+            tap: None,
             made_at: Instant::now(),
         })
+    }
+
+    /// Hands over `/clock` to the recorder that listens at `socket`.
+    ///
+    /// # Errors
+    /// When none does.
+    pub fn record_to(&mut self, socket: &Path, contract: &LoopContract) -> std::io::Result<()> {
+        let interface = clock_interface();
+        self.tap = Some(Tap::open(socket, contract.run_id, &self.time_port.name, &interface)?);
+        Ok(())
     }
 
     /// When the first tick was granted.
@@ -150,12 +164,12 @@ impl ClockRunner {
         result
     }
 
-    /// Leaves the digest of `/clock`.
+    /// Leaves the digest of `/clock` and the recorder.
     ///
     /// # Errors
-    /// When the file cannot be written.
+    /// When the file cannot be written, or the recorder is gone.
     pub fn finish(self) -> std::io::Result<()> {
-        self.digest.finish()
+        self.tap.map_or(Ok(()), Tap::finish).and(self.digest.finish())
     }
 
     fn run_to_the_end(
@@ -178,7 +192,7 @@ impl ClockRunner {
                 }
                 self.clock.end_early();
             }
-            self.tell_time();
+            self.tell_time().map_err(RunError::Record)?;
             let renew = renewed_at.elapsed() >= RENEW_PERIOD;
             if let Some(grant) = self.clock.grant(self.made_at.elapsed(), renew || self.clock.finished()) {
                 self.nodes.grant(&grant)?;
@@ -195,16 +209,21 @@ impl ClockRunner {
     }
 
     /// Publishes `/clock` for every tick that all nodes have reached.
-    fn tell_time(&mut self) {
+    fn tell_time(&mut self) -> std::io::Result<()> {
         while self.told_tick < self.clock.tick() {
             self.told_tick += 1;
             let message = ClockMessage { clock: stamp_of_ns(self.told_tick * self.tick_ns) };
-            let Ok(payload) = cdr::encode(&message) else { return };
+            let Ok(payload) = cdr::encode(&message) else { break };
             self.digest.add(&self.time_port, self.told_tick, &payload);
+            if let Some(tap) = &mut self.tap {
+                tap.add(0, self.told_tick, &payload)?;
+                tap.complete_until(self.told_tick + 1)?;
+            }
             if self.time.matched_readers() > 0 {
                 // Best effort: a viewer that misses a tick sees the next.
                 let _ = self.time.publish(payload);
             }
         }
+        self.tap.as_mut().map_or(Ok(()), Tap::flush)
     }
 }

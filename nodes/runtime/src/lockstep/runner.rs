@@ -15,6 +15,7 @@ use crate::node::{
     Arrival, Asker, AskerInner, FeederNode, Interface, NodeError, Output, StepIo, split_call, with_call,
 };
 use crate::public::PublicSide;
+use crate::recording::Tap;
 
 /// Between probes while the loop comes up.
 const PROBE_PERIOD: Duration = Duration::from_millis(20);
@@ -90,6 +91,9 @@ pub enum RunError {
     /// The digest could not be kept.
     #[error("cannot keep the digest: {0}")]
     Digest(#[from] std::io::Error),
+    /// The run's recorder is gone.
+    #[error("cannot hand over to the recorder: {0}")]
+    Record(#[source] std::io::Error),
     /// The middleware refused.
     #[error(transparent)]
     Dds(#[from] crate::dds::DdsError),
@@ -108,6 +112,7 @@ pub(crate) struct Runner<N, L> {
     links: L,
     public: Option<PublicSide>,
     digest: Digest,
+    tap: Option<Tap>,
     status_period_ticks: u64,
     goal_tick: u64,
     said_at: Instant,
@@ -141,6 +146,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             links,
             public,
             digest,
+            tap: None,
             status_period_ticks: (contract.timing.window_ticks / 4).max(1),
             goal_tick: LoopStatus::NO_GOAL,
             now_ns: Arc::default(),
@@ -155,12 +161,18 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
         Self { now_ns, ..self }
     }
 
+    /// Hands over what the node publishes to the run's recorder.
+    pub(crate) fn recorded(self, tap: Option<Tap>) -> Self {
+        Self { tap, ..self }
+    }
+
     /// Runs until the clock ends the run, and tells the clock about any failure.
     pub(crate) fn run(mut self, inbox: &Receiver<Incoming>, stop: &Arc<AtomicBool>) -> Result<(), RunError> {
         let result = self.run_to_the_end(inbox, stop);
         let told = self.say_last_word(inbox, result.as_ref().err());
         self.digest.finish()?;
-        result.and(told)
+        let recorded = self.tap.map_or(Ok(()), Tap::finish).map_err(RunError::Record);
+        result.and(told).and(recorded)
     }
 
     /// Tells the clock that the node leaves, and why. What a participant sends and does not stay for may get lost, so
@@ -292,6 +304,9 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             self.goal_tick = tick;
         }
         self.engine.finish_tick();
+        if let Some(tap) = &mut self.tap {
+            tap.complete_until(tick + 1).map_err(RunError::Record)?;
+        }
         Ok(())
     }
 
@@ -300,6 +315,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
         for port in 0..self.interface.ports.len() {
             let wanted = !self.routing.sends[port].is_empty()
                 || self.digest.active()
+                || self.tap.as_ref().is_some_and(|tap| tap.wants(port))
                 || self.public.as_ref().is_some_and(|public| public.has_readers(port));
             self.io.note_wanted(port, wanted);
         }
@@ -312,6 +328,9 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
                     self.engine.send(route, &payload)?;
                 }
                 self.digest.add(&self.interface.ports[port], tick, &payload);
+                if let Some(tap) = &mut self.tap {
+                    tap.add(port, tick, &payload).map_err(RunError::Record)?;
+                }
                 if let Some(public) = &mut self.public {
                     public.publish(port, payload);
                 }
@@ -335,6 +354,9 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
     }
 
     fn flush(&mut self, all: bool) -> Result<(), RunError> {
+        if all && let Some(tap) = &mut self.tap {
+            tap.flush().map_err(RunError::Record)?;
+        }
         for (edge, bundle) in self.engine.take_bundles(all) {
             self.links.send_bundle(edge, bundle)?;
         }

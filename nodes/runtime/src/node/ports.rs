@@ -51,6 +51,14 @@ pub struct Interface {
     pub ports: Vec<Port>,
 }
 
+impl Interface {
+    /// Whether the node publishes `topic`.
+    #[must_use]
+    pub fn publishes(&self, topic: &str) -> bool {
+        self.ports.iter().any(|port| port.kind == PortKind::Publish && port.name == topic)
+    }
+}
+
 macro_rules! handle {
     ($(#[$doc:meta])* $name:ident<$param:ident: $bound:ident>) => {
         $(#[$doc])*

@@ -296,6 +296,7 @@ fn start(domain: &Domain, contract: &LoopContract, quirks: [Quirk; 3]) -> Nodes 
         namespace: NAMESPACE.into(),
         domain: *domain,
         hub: None,
+        record_to: None,
         digest_dir: Some(digests.path().to_owned()),
         stop: stop.clone(),
     };
@@ -461,6 +462,7 @@ fn a_run_of_another_tick_than_the_configurations_is_refused() {
         namespace: NAMESPACE.into(),
         domain: *domain,
         hub: None,
+        record_to: None,
         digest_dir: None,
         stop: Arc::default(),
     };
