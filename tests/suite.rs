@@ -4,6 +4,7 @@
 
 mod analysis;
 mod bags;
+mod cell;
 mod common;
 mod courier;
 mod cyclone;
@@ -11,6 +12,7 @@ mod faults;
 mod graph;
 mod interop;
 mod parameters;
+mod partner;
 mod peers;
 mod system;
 mod tidy;

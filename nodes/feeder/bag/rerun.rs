@@ -11,11 +11,11 @@ use feeder_bags::cdr::HEADER_BYTES;
 use feeder_bags::diff::{DiffSettings, diff};
 use feeder_bags::{Bag, BagError, BagWriter, NewTopic, Query, Selection, WriteSettings};
 use feeder_core::scenario::Scenario;
-use feeder_runtime::launch::{Recorded, full_name};
+use feeder_runtime::launch::Recorded;
 use feeder_runtime::lockstep::LoopContract;
 
 use crate::recording::{RUN, RUN_END, RecordOptions, SCENARIO, TICKS};
-use crate::table::{NODES, NodeEntry};
+use crate::table::{NODES, Placed, placed};
 use crate::up::{self, UpArgs};
 
 /// Run a recorded scenario again and compare; exit code 0 when the same comes out
@@ -110,12 +110,11 @@ fn run_all(args: &RerunArgs, bag: &Bag, run: &Run, work: &Path, folder: &Path) -
 
 /// Runs one node on its recorded inputs; returns the topics that it publishes and the bag holds.
 fn run_one(name: &str, bag: &Bag, run: &Run, folder: &Path) -> anyhow::Result<Vec<String>> {
-    let entry = NODES.iter().find(|entry| entry.name == name).with_context(|| format!("there is no node {name}"))?;
     let contract = up::connect(&run.scenario)?;
     let mut writer = BagWriter::create(folder, WriteSettings::default())?;
     let mut topics: BTreeMap<String, usize> = BTreeMap::new();
-    for namespace in (entry.namespaces)(&run.scenario) {
-        let interface = (entry.interface)(&namespace, &run.scenario);
+    for placed in placed(&run.scenario).iter().filter(|placed| placed.entry.name == name) {
+        let interface = (placed.entry.interface)(&placed.namespace, &placed.scenario);
         for topic in bag.topics().iter().filter(|topic| interface.publishes(&topic.name)) {
             let at = writer.add_topic(NewTopic {
                 name: topic.name.clone(),
@@ -126,17 +125,16 @@ fn run_one(name: &str, bag: &Bag, run: &Run, folder: &Path) -> anyhow::Result<Ve
             })?;
             topics.insert(topic.name.clone(), at);
         }
-        replay(entry, &contract, &namespace, bag, run, &topics, &mut writer)
-            .with_context(|| format!("cannot run {} alone", full_name(&namespace, name)))?;
+        replay(placed, &contract, bag, run, &topics, &mut writer)
+            .with_context(|| format!("cannot run {} alone", placed.full_name()))?;
     }
     writer.finish()?;
     Ok(topics.into_keys().collect())
 }
 
 fn replay(
-    entry: &NodeEntry,
+    placed: &Placed,
     contract: &LoopContract,
-    namespace: &str,
     bag: &Bag,
     run: &Run,
     topics: &BTreeMap<String, usize>,
@@ -164,8 +162,16 @@ fn replay(
             written = writer.write(topic, time_ns, time_ns, &data);
         }
     };
-    (entry.replay)(contract, namespace, &run.scenario, run.ticks, &mut recorded, &wanted, &mut publish)
-        .map_err(|error| anyhow!("{error}"))?;
+    (placed.entry.replay)(
+        contract,
+        &placed.namespace,
+        &placed.scenario,
+        run.ticks,
+        &mut recorded,
+        &wanted,
+        &mut publish,
+    )
+    .map_err(|error| anyhow!("{error}"))?;
     written?;
     unreadable.map_or(Ok(()), |error| Err(error.into()))
 }

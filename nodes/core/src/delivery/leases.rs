@@ -79,9 +79,9 @@ impl Leases {
         }
     }
 
-    /// Asks for the area of a trip. Only one trip is asked for at a time.
+    /// Asks for the area of a trip. There is one trip at a time: what is left of another is given back.
     pub(super) fn ask(&mut self, area: Area, duration: Duration, wait: Duration, outputs: &mut Vec<Output>) {
-        self.refused = None;
+        self.end_trip(outputs);
         if self.arbitrated {
             let id = self.next();
             outputs.push(Output::Reserve { id, area, parked: false, duration, wait });

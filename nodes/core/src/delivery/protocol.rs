@@ -72,6 +72,12 @@ pub enum Refusal {
         /// By how much the tray's rim misses it, m.
         beyond_m: f64,
     },
+    /// No place where the courier may stand brings any part of the plateau under the station.
+    #[error("station {station:?} cannot be served: bounds, tether or keep-out areas leave the courier no place for it")]
+    Blocked {
+        /// The station asked for.
+        station: String,
+    },
     /// The tolerance is no finite number, negative, or finer than can be promised.
     #[error("a tolerance of {tolerance_m} m cannot be promised; allowed are {min_m} m and more")]
     Tolerance {

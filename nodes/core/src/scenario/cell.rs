@@ -6,6 +6,7 @@ use nalgebra::{Point3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{Scenario, ScenarioError, Station, WaveformSpec, check_name, invalid};
+use crate::delivery::DeliverySequencer;
 use crate::platen::Area;
 use crate::range::OutOfRange;
 use crate::seed::seed_for;
@@ -130,9 +131,10 @@ impl Scenario {
         seen.map(|station| station.name.clone()).collect()
     }
 
-    /// Where the other feeders park.
+    /// Where the other feeders park, and what is beside: areas of trips are wider than the courier by the corners it may
+    /// cut, and must not touch those places.
     pub(super) fn parked_areas(&self) -> impl Iterator<Item = Area> {
-        let radius_m = self.delivery.footprint_radius_m;
+        let radius_m = self.delivery.footprint_radius_m + self.delivery.corner_m + DeliverySequencer::TRACKING_M;
         self.further_feeders.iter().map(move |further| Area::disc(Vector2::new(further.x_m, further.y_m), radius_m))
     }
 
@@ -181,7 +183,8 @@ impl Scenario {
                 return Err(ScenarioError::Invalid { section: "stations", problem });
             }
         }
-        let places: Vec<Area> = self.parked_areas().collect();
+        let radius_m = self.delivery.footprint_radius_m;
+        let places: Vec<Area> = self.parked_areas().map(|area| Area { radius_m, ..area }).collect();
         let first = Area::disc(self.delivery.feeding_place.xy(), self.delivery.footprint_radius_m);
         for (index, place) in places.iter().enumerate() {
             if std::iter::once(&first).chain(&places[..index]).any(|other| other.overlaps(place)) {

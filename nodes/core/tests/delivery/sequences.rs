@@ -7,6 +7,7 @@ use feeder_core::delivery::{
     DeliveryConfig, DeliveryId, DeliveryRequest, DeliverySequencer, Failure, HandOver, Output, Phase, Policy, Refusal,
     Stamp, Strategy, Warning,
 };
+use feeder_core::platen::Area;
 use feeder_core::tray::TrayGeometry;
 use nalgebra::{Vector2, Vector3};
 use proptest::prelude::*;
@@ -198,6 +199,9 @@ fn a_request_that_cannot_be_served_is_refused() {
     }
     let report = world.sequencer.report_hand_over(DeliveryId(7), HandOver::Taken);
     assert_eq!(report, Err(Refusal::NotPresented(DeliveryId(7))));
+    let post = Area::disc(Vector2::new(0.3, 0.1), 0.2);
+    let mut blocked = World::new(Faults::default(), DeliveryConfig { keep_out: vec![post], ..config() });
+    assert!(matches!(refusal(&mut blocked, asking("right", 1e-3)), Refusal::Blocked { .. }));
     let far = DeliveryConfig {
         stations_m: [("far".to_string(), Vector2::new(0.7, 0.0))].into(),
         ..DeliveryConfig::default()

@@ -4,11 +4,12 @@ mod carrying;
 mod feeding;
 
 use std::collections::VecDeque;
+use std::f64::consts::TAU;
 use std::time::Duration;
 
 use nalgebra::{Vector2, Vector3};
 
-use super::choice::{CandidateFrame, Choice, fitting};
+use super::choice::{CandidateFrame, Choice, courier_under, fitting};
 use super::config::{DeliveryConfig, Strategy};
 use super::drift::Drift;
 use super::leases::Leases;
@@ -109,7 +110,7 @@ impl DeliverySequencer {
     /// Distance from the feeding place within which the courier counts as there, m.
     const ARRIVED_M: f64 = 1e-4;
     /// Room that areas leave for tracking errors, m.
-    const TRACKING_M: f64 = 1e-3;
+    pub const TRACKING_M: f64 = 1e-3;
     /// Share of a new observation in the running means of overheads.
     const GAIN: f64 = 0.3;
 
@@ -214,11 +215,30 @@ impl DeliverySequencer {
         if beyond_m > 0.0 {
             return Err(Refusal::OutOfReach { station: request.station, beyond_m });
         }
+        if !self.can_serve(&station_m) {
+            return Err(Refusal::Blocked { station: request.station });
+        }
         self.deliveries += 1;
         let id = DeliveryId(self.deliveries);
         let deadline = request.timeout.map(|timeout| now.saturating_add(timeout));
         self.queue.push_back(Delivery { id, request, station_m, deadline });
         Ok(id)
+    }
+
+    /// Whether some point of the plateau can be brought under a tool axis.
+    fn can_serve(&self, station_m: &Vector2<f64>) -> bool {
+        const STEPS: u32 = 16;
+        let tray = self.planner.tray();
+        let (inner_m, outer_m) = (tray.inner_radius_m, tray.outer_radius_m);
+        (0..=STEPS).any(|angle| {
+            let angle_rad = tray.ramp_angle_rad + (TAU - tray.ramp_angle_rad) * f64::from(angle) / f64::from(STEPS);
+            (0..=STEPS).any(|radius| {
+                let radius_m = inner_m + (outer_m - inner_m) * f64::from(radius) / f64::from(STEPS);
+                let point_m = Vector2::new(angle_rad.cos(), angle_rad.sin()) * radius_m;
+                let stand = courier_under(station_m, &point_m, self.config.feeding_place.z);
+                self.planner.check_stand(&stand).is_ok()
+            })
+        })
     }
 
     /// Gives a request up. Says whether it was still open; one whose part has been taken is past that.

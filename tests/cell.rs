@@ -1,0 +1,118 @@
+//! Several stations and several feeders: the scenarios of a whole cell, and the figures that go with delivery.
+
+use std::path::Path;
+
+use feeder_core::delivery::Tether;
+use feeder_core::scenario::Scenario;
+use serde_json::Value;
+
+use crate::common::{Outcome, Up, output};
+
+fn scenario(name: &str) -> Scenario {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch_configs").join(name);
+    std::fs::read_to_string(file).unwrap().parse().unwrap()
+}
+
+/// What must hold of every run: nothing lost or doubled, every delivery ended or still open, couriers apart and in their
+/// areas.
+#[track_caller]
+fn assert_in_order(outcome: &Outcome, open_max: u64) {
+    let summary = outcome.summary();
+    let count = |value: &Value| value.as_u64().unwrap();
+    for key in ["parts_lost", "parts_doubled", "wrong_pose_delivered"] {
+        assert_eq!(count(&summary[key]), 0, "{key}: {summary}");
+    }
+    let failed: u64 = summary["failed"].as_object().unwrap().values().map(count).sum();
+    let ended = count(&summary["succeeded"]) + failed;
+    assert!(ended <= count(&summary["accepted"]) && count(&summary["accepted"]) <= ended + open_max, "{summary}");
+    for key in ["collisions", "out_of_area"] {
+        assert_eq!(count(&summary["platen"][key]), 0, "{key}: {summary}");
+    }
+    assert!(outcome.number("max_slip_m") < 10e-6, "{summary}");
+}
+
+#[test]
+fn three_stations_are_served() {
+    let outcome = Up::new("--duration 45 --composed").scenario(&scenario("three_stations.yaml")).success();
+    assert_in_order(&outcome, 3);
+    assert!(outcome.number("delivered") >= 4.0, "{}", outcome.summary());
+}
+
+/// The same as processes and composed: the arbiter and several feeders change nothing about repeatability.
+#[test]
+fn three_feeders_share_a_platen_and_repeat() {
+    let scenario = scenario("three_feeders.yaml");
+    let first = Up::new("--duration 20 --composed").scenario(&scenario).digest().success();
+    assert_in_order(&first, 4);
+    assert!(first.number("delivered") >= 3.0, "{}", first.summary());
+    let apart_m = first.summary()["platen"]["couriers_closest_m"].as_f64().unwrap();
+    assert!(apart_m >= 2.0 * scenario.delivery.footprint_radius_m, "{}", first.summary());
+    let again = Up::new("--duration 20").scenario(&scenario).digest().success();
+    assert_eq!(first.digest(), again.digest());
+}
+
+/// A manipulator that falls silent with a part presented to it blocks its feeder for as long as agreed, not for good.
+#[test]
+fn a_silent_manipulator_blocks_nobody_for_good() {
+    let mut scenario = scenario("three_stations.yaml");
+    scenario.delivery.hand_over_timeout_s = 3.0;
+    scenario.stations[0].manipulator.silent_after = Some(1);
+    let outcome = Up::new("--duration 45 --composed").scenario(&scenario).success();
+    assert_in_order(&outcome, 3);
+    let summary = outcome.summary();
+    assert_eq!(summary["failed"]["no_handover"], 1, "{summary}");
+    assert!(outcome.number("succeeded") >= 3.0, "{summary}");
+}
+
+#[test]
+fn a_station_beyond_the_tether_is_refused_and_others_are_served() {
+    let mut scenario = Scenario::default();
+    let mut far = scenario.stations[0].clone();
+    far.name = "station_2".to_owned();
+    (far.x_m, far.y_m) = (0.4, 0.4);
+    scenario.stations.push(far);
+    scenario.delivery.tether = Some(Tether { anchor_m: [-0.4, 0.0].into(), length_m: 0.65 });
+    let outcome = Up::new("--duration 20 --composed").scenario(&scenario).success();
+    assert!(outcome.number("delivered") >= 1.0, "{}", outcome.summary());
+    assert!(outcome.stderr.contains("\"station_2\" cannot be served"), "{}", outcome.stderr);
+}
+
+/// The courier comes to rest where the camera sees the part again, from another side.
+#[test]
+fn a_part_is_looked_at_again_where_the_camera_sees_the_station() {
+    let mut scenario = Scenario::default();
+    (scenario.stations[0].x_m, scenario.stations[0].y_m) = (-0.03, -0.07);
+    assert!(scenario.delivery().rechecked_stations.contains("station_1"));
+    assert!(Scenario::default().delivery().rechecked_stations.is_empty());
+    let outcome = Up::new("--duration 20 --composed").scenario(&scenario).success();
+    assert!(outcome.number("delivered") >= 1.0, "{}", outcome.summary());
+    assert_eq!(outcome.summary()["failed"].as_object().unwrap().len(), 0, "{}", outcome.summary());
+}
+
+/// A small version of `feeder slip-study`.
+#[test]
+fn no_protected_part_slides_in_random_moves_and_20_percent_more_is_too_much() {
+    let ran = output(["slip-study", "--moves", "40"]);
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let study: Value = serde_json::from_slice(&ran.stdout).unwrap();
+    assert_eq!(study["over_10_um"], 0, "{study}");
+    assert!(study["parts"].as_u64().unwrap() >= 200, "{study}");
+    assert!(study["slip_um_at_1_2"].as_f64().unwrap() > 100.0, "{study}");
+    assert!(study["duration_over_bound_mean"].as_f64().unwrap() < 1.03, "{study}");
+}
+
+/// A short run of `feeder compare-planners`.
+#[test]
+fn the_planner_delivers_more_than_a_naive_one() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch_configs/three_stations.yaml");
+    let domain = feeder_runtime::testing::TestDomain::claim();
+    let ran = crate::common::feeder()
+        .args(["compare-planners", "--duration", "60", "--domain", &domain.id.to_string(), "--scenario"])
+        .arg(file)
+        .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        .output()
+        .unwrap();
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let comparison: Value = serde_json::from_slice(&ran.stdout).unwrap();
+    assert!(comparison["gain"].as_f64().unwrap() > 1.1, "{comparison}");
+}

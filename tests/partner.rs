@@ -1,0 +1,95 @@
+//! Another agent's view of the protocol: a partner in Python, with Cyclone DDS and without our crates, at a station of its
+//! own.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use feeder_core::scenario::{Recipe, Scenario};
+use minifactory_msgs::action::DeliverPartResult;
+use minifactory_msgs::action_msgs::msg::GoalStatus;
+use minifactory_msgs::msg::{DeliveryState, FeederState};
+use minifactory_msgs::srv::ReserveAreaResponse;
+use rustix::process::Signal;
+use serde_json::{Value, json};
+
+use crate::common::{Up, python};
+
+/// Wall time after which the agent gives up.
+const PATIENCE: Duration = Duration::from_secs(150);
+
+#[test]
+fn an_agent_without_our_crates_takes_parts_and_learns_why_not() {
+    let python = python();
+    let mut scenario = Scenario::default();
+    scenario.platen.shared = true;
+    scenario.stations[0].external = true;
+    scenario.delivery.hand_over_timeout_s = 4.0;
+    // The second recipe brings a waveform of its own.
+    let recipe = |name: &str, waveform| Recipe { name: name.to_owned(), pose_classes: Vec::new(), waveform };
+    scenario.recipes = vec![recipe("plain", None), recipe("other", Some(scenario.waveform.clone()))];
+    let mut run = Up::new("--duration 3600 --speed 2 --composed").scenario(&scenario).default_discovery_range().start();
+    run.wait_until_simulated(Duration::from_millis(100));
+    let agent = Command::new(python)
+        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop/partner_agent.py"))
+        .args(["--domain", &run.domain().id.to_string(), "--pose", &scenario.part.wanted_pose])
+        .args(["--seconds", &PATIENCE.as_secs().to_string()])
+        .env_remove("CYCLONEDDS_URI")
+        .stdin(Stdio::null())
+        .output()
+        .unwrap();
+    run.process().signal(Signal::INT);
+    let outcome = run.outcome();
+    assert!(agent.status.success(), "{}\nrun: {}", String::from_utf8_lossy(&agent.stderr), outcome.stderr);
+    assert!(outcome.status.success(), "{}", outcome.stderr);
+    let report: Value = serde_json::from_slice(&agent.stdout).unwrap();
+
+    assert_eq!(report["version"], "1.0");
+    assert_eq!(report["stations"], json!(["station_1"]));
+    for (what, accepted) in report["refused"].as_object().unwrap() {
+        assert_eq!(accepted, false, "{what} was accepted");
+    }
+    let prepared = json!({
+        "unknown_recipe": false, "other_recipe": true, "recipe_now": "other", "purged_for_no_time": false, "purged": true,
+        "first_recipe": true,
+    });
+    assert_eq!(report["prepared"], prepared);
+    let result = |name: &str| report["areas"]["claims"][name]["result"].as_u64().unwrap();
+    for (name, expected) in [
+        ("first", ReserveAreaResponse::GRANTED),
+        ("second", ReserveAreaResponse::TAKEN),
+        ("after_expiry", ReserveAreaResponse::GRANTED),
+        ("renewed_late", ReserveAreaResponse::UNKNOWN_LEASE),
+        ("negative", ReserveAreaResponse::INVALID),
+        ("parked", ReserveAreaResponse::PARKED),
+    ] {
+        assert_eq!(result(name), u64::from(expected), "{name}: {}", report["areas"]);
+    }
+    assert_eq!((&report["areas"]["stolen"], &report["areas"]["released"]), (&json!(false), &json!(true)));
+
+    for delivery in ["delivered", "delivered_after_all"] {
+        let delivery = &report[delivery];
+        for (key, expected) in [("released_early", false), ("picked", true), ("taken", true), ("released", true)] {
+            assert_eq!(delivery[key], expected, "{key}: {delivery}");
+        }
+        assert_eq!(delivery["status"], GoalStatus::STATUS_SUCCEEDED, "{delivery}");
+        assert_eq!(delivery["outcome"], DeliverPartResult::DELIVERED, "{delivery}");
+        assert_eq!(delivery["same_part"], true, "{delivery}");
+        let phases: Vec<u64> = delivery["phases"].as_array().unwrap().iter().filter_map(Value::as_u64).collect();
+        for phase in [DeliveryState::LOOKING, DeliveryState::RESERVING, DeliveryState::MOVING, DeliveryState::PRESENTED]
+        {
+            assert!(phases.contains(&u64::from(phase)), "{phase}: {delivery}");
+        }
+    }
+    let cancelled = &report["cancelled"];
+    assert_eq!(cancelled["outcome"], DeliverPartResult::CANCELLED, "{cancelled}");
+    assert_eq!(cancelled["status"], GoalStatus::STATUS_CANCELED, "{cancelled}");
+    assert!(!cancelled["phases"].as_array().unwrap().contains(&json!(DeliveryState::PRESENTED)), "{cancelled}");
+    let silent = &report["silent"];
+    assert_eq!(silent["outcome"], DeliverPartResult::NO_HANDOVER, "{silent}");
+    assert_eq!((&silent["status"], &silent["late_report"]), (&json!(GoalStatus::STATUS_ABORTED), &json!(false)));
+    let states = report["states"].as_array().unwrap();
+    for state in [FeederState::EXECUTE, FeederState::SUSPENDED] {
+        assert!(states.contains(&json!(state)), "{state} not in {states:?}");
+    }
+}
