@@ -194,3 +194,98 @@ fn figures_come_with_their_numbers_and_a_page_of_claims() {
         assert!(page.contains(verdict), "{verdict}");
     }
 }
+
+/// The lines of a table that a successful run prints.
+#[track_caller]
+fn lines(arguments: &str) -> Vec<String> {
+    let output = feeder(arguments);
+    assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap().lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn val_the_rig_with_the_courier_in_the_loop_feeds_as_the_outside_reference_says() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("rig");
+    let out = out.to_str().unwrap();
+    // What the paper measured lies where courier_tracking.csv, from a simulator of its own, has PD from 25 to 60 Hz.
+    for (figure, measured, ideal_mm_s) in [("fig6", 12.4, 12.497), ("fig8", 22.5, 17.626)] {
+        let lines = lines(&format!("experiment {figure} --duration 4 --out {out}"));
+        let row = |name: &str| {
+            let line =
+                lines.iter().find(|line| line.starts_with(name)).unwrap_or_else(|| panic!("{name} in {lines:?}"));
+            line[24..].split_whitespace().map(str::to_owned).collect::<Vec<_>>()
+        };
+        let feed_mm_s = |name: &str| row(name)[0].parse::<f64>().unwrap();
+        assert!((feed_mm_s("ideal tray") - ideal_mm_s).abs() < 6e-3);
+        // The set point's cut-off and the servo's ticks take up to 4 %.
+        assert!((feed_mm_s("learning") / ideal_mm_s - 1.0).abs() < 0.05, "{}", feed_mm_s("learning"));
+        assert!((feed_mm_s("PD 40 Hz ") / ideal_mm_s - 1.0).abs() > 0.05, "{}", feed_mm_s("PD 40 Hz "));
+        assert!(lines.iter().any(|line| line.contains(&format!("the {measured} mm/s measured"))));
+        for name in ["PD 25 Hz", "PD 60 Hz", "learning"] {
+            let mu: f64 = row(name)[3].parse().unwrap();
+            assert!((mu / 0.2 - 1.0).abs() < 0.01, "{name}: {mu}");
+        }
+    }
+    for (file, least) in [("fig06_travel.svg", 2000), ("fig08_travel.csv", 2000), ("fig08_velocities_pd.svg", 2000)] {
+        assert!(std::fs::metadata(folder.path().join("rig").join(file)).unwrap().len() > least, "{file}");
+    }
+    let found = json(&format!("identify-friction {out}/fig06_recording_pd"));
+    assert_near(&found["kinetic_friction"], 0.2, 0.002);
+}
+
+#[test]
+fn friction_is_found_in_a_csv_file_and_what_is_wrong_with_one_is_said() {
+    // 0.05 s periods at 1 kHz: the tray shakes at ±3 m/s² and the part slips all the time, by turns.
+    let mut text = "part_velocity_m_s,time_s,tray_velocity_m_s\n".to_owned();
+    let mut part_m_s = 0.0;
+    for tick in 0..400 {
+        let time_s = f64::from(tick) * 1e-3;
+        let phase = (time_s / 0.05).fract();
+        let tray_m_s = 0.3 * (4.0 * (phase - 0.5).abs() - 1.0);
+        text += &format!("{part_m_s},{time_s},{tray_m_s}\n");
+        part_m_s += 0.15 * 9.81 * 1e-3 * if tray_m_s > part_m_s { 1.0 } else { -1.0 };
+    }
+    let file = scratch_file("slip.csv", &text);
+    assert_near(&json(&format!("identify-friction {}", file.display()))["kinetic_friction"], 0.15, 0.0015);
+    let file = scratch_file("columns.csv", "time,tray,part\n0,0,0\n");
+    let output = feeder(&format!("identify-friction {}", file.display()));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(!output.status.success() && said.contains("tray_velocity_m_s") && said.contains("columns.csv"), "{said}");
+}
+
+#[test]
+fn the_learning_grid_keeps_its_bounds() {
+    let lines = lines("experiment learning --coarse --seeds 2");
+    let numbers = |start: &str| -> Vec<f64> {
+        let line = lines.iter().find(|line| line.starts_with(start)).unwrap_or_else(|| panic!("{start} in {lines:?}"));
+        line[start.len()..]
+            .split(|c: char| c.is_whitespace() || c == ',')
+            .filter_map(|word| word.parse().ok())
+            .filter(|number: &f64| number.fract() != 0.0)
+            .collect()
+    };
+    let [ramp, plateau, ..] = numbers("largest deviation of a single run:")[..] else { panic!("{lines:?}") };
+    assert!(ramp < 10.0 && plateau < 2.0, "{lines:?}");
+    let ratios: Vec<f64> =
+        lines.last().unwrap().split(|c: char| !c.is_ascii_digit()).filter_map(|word| word.parse().ok()).collect();
+    assert!(ratios[0] >= 40.0 && ratios[1] >= 30.0, "{ratios:?}");
+}
+
+#[test]
+fn every_fault_is_survived() {
+    let lines = lines("experiment faults");
+    let rows: Vec<Vec<&str>> = lines[2..].iter().map(|line| line.split('|').map(str::trim).collect()).collect();
+    assert_eq!(rows.len(), 20);
+    for row in rows {
+        let [_, fault, doing, noticed, safe, way, works, reaction, ..] = row[..] else { panic!("{row:?}") };
+        assert_eq!(works, "yes", "{fault} while {doing}");
+        let ms = |text: &str| text.strip_suffix(" ms").map(|number| number.parse::<f64>().unwrap());
+        let way_mm: f64 = way.strip_suffix(" mm").unwrap().parse().unwrap();
+        assert_eq!(ms(noticed).is_none(), reaction == "carries on", "{row:?}");
+        // Silence is noticed after two seconds, everything else within a period of the waveform or two.
+        let limit_ms = if fault.contains("falls silent") { 2200.0 } else { 150.0 };
+        assert!(ms(noticed).is_none_or(|ms| ms < limit_ms), "{row:?}");
+        assert!(ms(safe).is_none_or(|ms| ms < limit_ms + 300.0) && way_mm < 110.0, "{row:?}");
+    }
+}

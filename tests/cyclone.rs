@@ -148,3 +148,12 @@ fn a_cyclone_server_answers_our_client() {
         outcome(server);
     }
 }
+
+/// The golden samples were written by rosbags; Cyclone must read them and write the same bytes again.
+#[test]
+fn cyclone_encodes_every_message_as_the_golden_samples_say() {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/golden_cdr.py");
+    let checked = Command::new(python()).arg(script).output().expect("the check runs");
+    let printed = [checked.stdout, checked.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat();
+    assert!(checked.status.success() && printed.contains(" types, 0 wrong"), "{printed}");
+}

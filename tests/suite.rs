@@ -3,12 +3,17 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod analysis;
+mod bags;
 mod cell;
 mod common;
+mod courier;
 mod cyclone;
 mod faults;
+mod graph;
 mod interop;
+mod parameters;
 mod partner;
+mod peers;
 mod system;
 mod tidy;
 mod wall_clock;

@@ -13,18 +13,20 @@ use feeder_runtime::launch::run_real;
 use feeder_runtime::node::ns_of_stamp;
 use feeder_runtime::testing::TestDomain;
 use minifactory_msgs::Message;
+use minifactory_msgs::lifecycle_msgs::msg::Transition;
+use minifactory_msgs::lifecycle_msgs::srv::{ChangeState, ChangeStateRequest};
 use minifactory_msgs::msg::{CourierState, Waveform};
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
 use waveform_generator::WaveformGenerator;
 
-const PATIENCE: Duration = Duration::from_secs(20);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 
-fn participant(domain: &TestDomain) -> Participant {
+pub(crate) fn participant(domain: &TestDomain) -> Participant {
     Participant::open(domain, &NodeName::new("/", "test").unwrap()).unwrap()
 }
 
-fn hear<M: Message>(participant: &Participant, topic: &str, qos: Qos) -> (Reader, Receiver<M>) {
+pub(crate) fn hear<M: Message>(participant: &Participant, topic: &str, qos: Qos) -> (Reader, Receiver<M>) {
     let (sender, heard) = channel();
     let reader = participant.reader(topic, &M::INFO.dds_type(), &qos, move |sample| {
         // A closed channel belongs to a test that has seen enough.
@@ -56,6 +58,13 @@ fn a_courier_vibrates_when_a_client_asks_the_generator_to_feed() {
     for pair in stamps.windows(2) {
         // A machine that stands still for a while makes the node skip, never hurry.
         assert!(pair[1] - pair[0] >= scenario.time.tick_ns(), "{pair:?}");
+    }
+
+    // Without simulated time nothing moves before somebody makes the driver active.
+    let lifecycle = here.service_client::<ChangeState>("/feeder/courier_driver/change_state").unwrap();
+    for label in ["configure", "activate"] {
+        let transition = Transition { id: 0, label: label.to_owned() };
+        assert!(lifecycle.call(&ChangeStateRequest { transition }, PATIENCE).wait().unwrap().success);
     }
 
     let client = here.service_client::<SetBool>("/feeder/set_feeding").unwrap();

@@ -23,6 +23,12 @@ use file::McapFile;
 pub const CHUNK_BYTES_MAX: u64 = 256 << 20;
 /// Of the other records, larger ones are not read.
 pub const RECORD_BYTES_MAX: u64 = 64 << 20;
+/// Schemas and metadata records of a file that are kept, bytes.
+const DESCRIPTION_BYTES_MAX: usize = 256 << 20;
+/// Chunks, attachments and the like of a file that are noted.
+const PARTS_MAX: usize = 4 << 20;
+/// Problems within one chunk that are told apart.
+const PROBLEMS_PER_CHUNK: usize = 3;
 /// Problems of one bag that are kept; more are counted as one.
 const PROBLEMS_MAX: usize = 1000;
 

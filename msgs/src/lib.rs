@@ -19,7 +19,11 @@ use std::fmt::Debug;
 
 use serde::{Serialize, de::DeserializeOwned};
 
-use crate::{builtin_interfaces::msg::Time, unique_identifier_msgs::msg::UUID};
+use crate::{
+    builtin_interfaces::msg::Time,
+    type_description_interfaces::msg::{Field, FieldType, IndividualTypeDescription, TypeDescription},
+    unique_identifier_msgs::msg::UUID,
+};
 
 include!(concat!(env!("OUT_DIR"), "/messages.rs"));
 
@@ -37,6 +41,17 @@ pub struct TypeInfo {
     pub definition: &'static str,
     /// Type hash of REP-2011, `RIHS01_…`.
     pub type_hash: &'static str,
+    /// All types that its fields refer to, directly or not, by name: `package/msg/Name`.
+    pub references: &'static [&'static str],
+}
+
+/// A field as `type_description_interfaces/msg/FieldType` describes it.
+struct FieldInfo {
+    name: &'static str,
+    type_id: u8,
+    capacity: u64,
+    string_capacity: u64,
+    nested_type_name: &'static str,
 }
 
 impl TypeInfo {
@@ -51,6 +66,31 @@ impl TypeInfo {
     pub fn dds_type(&self) -> String {
         format!("{}::{}::dds_::{}_", self.package, self.namespace, self.name)
     }
+
+    /// What the type consists of, with all it refers to: what its hash is the hash of. Default values are left out.
+    #[must_use]
+    pub fn describe(&self) -> TypeDescription {
+        TypeDescription {
+            type_description: describe(&self.ros_type()),
+            referenced_type_descriptions: self.references.iter().map(|name| describe(name)).collect(),
+        }
+    }
+}
+
+fn describe(type_name: &str) -> IndividualTypeDescription {
+    let known = FIELDS.binary_search_by_key(&type_name, |(name, _)| name);
+    let fields = known.map_or(&[][..], |index| FIELDS[index].1);
+    let field = |info: &FieldInfo| Field {
+        name: info.name.to_owned(),
+        r#type: FieldType {
+            type_id: info.type_id,
+            capacity: info.capacity,
+            string_capacity: info.string_capacity,
+            nested_type_name: info.nested_type_name.to_owned(),
+        },
+        default_value: String::new(),
+    };
+    IndividualTypeDescription { type_name: type_name.to_owned(), fields: fields.iter().map(field).collect() }
 }
 
 /// A message: what a topic carries, or one direction of a service.

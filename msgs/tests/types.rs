@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use sha2::{Digest as _, Sha256};
+
 use minifactory_msgs::{
     Action, Message, MessageVisitor, Service, TYPES,
     action::DeliverPart,
@@ -17,7 +19,10 @@ use minifactory_msgs::{
     srv::Pick,
     std_msgs,
     std_srvs::srv::Trigger,
-    type_description_interfaces::srv::GetTypeDescriptionRequest,
+    type_description_interfaces::{
+        msg::{Field, FieldType, IndividualTypeDescription},
+        srv::GetTypeDescriptionRequest,
+    },
     unique_identifier_msgs::msg::UUID,
     visit_messages, visualization_msgs,
 };
@@ -99,6 +104,35 @@ fn a_definition_is_followed_by_what_it_refers_to() {
             .definition
             .starts_with("unique_identifier_msgs/UUID goal_id\ncontrol_msgs/FollowJointTrajectory_Feedback feedback\n")
     );
+}
+
+/// The JSON form of REP-2011, spelt as Python's json module spells it.
+fn json(description: &IndividualTypeDescription) -> String {
+    let field = |field: &Field| {
+        let FieldType { type_id, capacity, string_capacity, nested_type_name } = &field.r#type;
+        format!(
+            r#"{{"name": "{}", "type": {{"type_id": {type_id}, "capacity": {capacity}, "string_capacity": {string_capacity}, "nested_type_name": "{nested_type_name}"}}}}"#,
+            field.name
+        )
+    };
+    let fields: Vec<_> = description.fields.iter().map(field).collect();
+    format!(r#"{{"type_name": "{}", "fields": [{}]}}"#, description.type_name, fields.join(", "))
+}
+
+/// Who asks a node what a type consists of gets what its hash stands for.
+#[test]
+fn descriptions_are_what_the_hashes_are_of() {
+    for info in TYPES {
+        let description = info.describe();
+        let referenced: Vec<_> = description.referenced_type_descriptions.iter().map(json).collect();
+        let text = format!(
+            r#"{{"type_description": {}, "referenced_type_descriptions": [{}]}}"#,
+            json(&description.type_description),
+            referenced.join(", ")
+        );
+        let digest: String = Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(format!("RIHS01_{digest}"), info.type_hash, "{}", info.ros_type());
+    }
 }
 
 #[test]

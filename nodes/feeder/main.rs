@@ -4,6 +4,7 @@ mod analysis;
 mod bag;
 mod compare;
 mod crew;
+mod graph_check;
 mod plan_move;
 mod recording;
 mod scenario_file;
@@ -34,6 +35,7 @@ enum Command {
     Node(NodeArgs),
     Bag(bag::BagArgs),
     Teach(teach::TeachArgs),
+    GraphCheck(graph_check::Args),
     PlanMove(plan_move::Args),
     SlipStudy(slip_study::Args),
     ComparePlanners(compare::Args),
@@ -41,6 +43,8 @@ enum Command {
     TrayMap(analysis::tray_map::Args),
     Figures(analysis::figures::Args),
     Optimize(analysis::optimize::Args),
+    Experiment(analysis::experiment::Args),
+    IdentifyFriction(analysis::identify::Args),
 }
 
 /// Run one node of a scenario.
@@ -57,26 +61,29 @@ struct NodeArgs {
 fn main() -> ExitCode {
     let outcome = match Cli::parse().command.unwrap_or_else(|| Command::Up(up::UpArgs::default())) {
         Command::Up(args) => {
-            feeder_runtime::start_logging(None);
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
             up::run(&args)
         }
         Command::Check(args) => scenario_file::check(&args),
         Command::Node(args) => return node(args),
         Command::Bag(args) => {
-            feeder_runtime::start_logging(None);
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
             return bag::run(&args);
         }
+        Command::GraphCheck(args) => graph_check::run(&args),
         Command::Teach(args) => teach::run(&args),
         Command::PlanMove(args) => plan_move::run(&args),
         Command::SlipStudy(args) => slip_study::run(&args),
         Command::ComparePlanners(args) => {
-            feeder_runtime::start_logging(None);
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
             compare::run(&args)
         }
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),
         Command::Figures(args) => analysis::figures::run(&args),
         Command::Optimize(args) => analysis::optimize::run(&args),
+        Command::Experiment(args) => analysis::experiment::run(&args),
+        Command::IdentifyFriction(args) => analysis::identify::run(&args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

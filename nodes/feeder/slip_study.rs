@@ -113,7 +113,7 @@ struct Moved {
 impl Bench {
     fn new(scenario: &Scenario, friction_share: f64, seed: u64) -> anyhow::Result<Self> {
         let config = CourierConfig {
-            plant: PlantParameters::ASSUMED,
+            plant: PlantParameters::assumed(),
             learning: LearningParameters { enabled: true, ..LearningParameters::default() },
             start: Vector3::zeros(),
             ..scenario.courier

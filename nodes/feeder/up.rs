@@ -266,8 +266,8 @@ fn refuse_busy_domain(
     Ok(())
 }
 
-/// The loop of all nodes the scenario asks for, and of the monitor.
-pub(crate) fn connect(scenario: &Scenario) -> anyhow::Result<LoopContract> {
+/// All nodes the scenario asks for, and the monitor: full names and ports.
+pub(crate) fn interfaces(scenario: &Scenario) -> Vec<(String, Interface)> {
     let mut nodes: Vec<(String, Interface)> = Vec::new();
     for placed in placed(scenario) {
         nodes.push((placed.full_name(), (placed.entry.interface)(&placed.namespace, &placed.scenario)));
@@ -276,13 +276,18 @@ pub(crate) fn connect(scenario: &Scenario) -> anyhow::Result<LoopContract> {
         let interface = feeder_runtime::launch::interface::<RunMonitor>(&namespace, scenario);
         nodes.push((full_name(&namespace, RunMonitor::NAME), interface));
     }
+    nodes
+}
+
+/// The loop of these nodes.
+pub(crate) fn connect(scenario: &Scenario) -> anyhow::Result<LoopContract> {
     let timing = LoopTiming {
         tick_ns: scenario.time.tick_ns(),
         forward_delay_ticks: scenario.time.forward_delay_ticks,
         feedback_delay_ticks: scenario.time.feedback_delay_ticks,
         window_ticks: scenario.time.window_ticks,
     };
-    Ok(LoopContract::connect(rand::random(), timing, &nodes)?)
+    Ok(LoopContract::connect(rand::random(), timing, &interfaces(scenario))?)
 }
 
 fn ticks(duration_s: f64, tick_ns: u64) -> u64 {

@@ -1,5 +1,8 @@
 //! A small harness: runs `feeder` as a user does, in a DDS domain and a folder of its own.
 
+mod fast;
+mod node;
+mod peer;
 mod process;
 mod python;
 
@@ -20,6 +23,9 @@ use rustix::process::Signal;
 use serde_json::Value;
 use tempfile::TempDir;
 
+pub(crate) use fast::fast_relay;
+pub(crate) use node::bag_reader;
+pub(crate) use peer::{ENCAPSULATION, Kind, Peer, hex};
 pub(crate) use process::Process;
 pub(crate) use python::python;
 

@@ -40,7 +40,7 @@ pub(crate) fn python() -> PathBuf {
 }
 
 #[track_caller]
-fn run(command: &mut Command, hint: &str) {
+pub(super) fn run(command: &mut Command, hint: &str) {
     let output = command.output().unwrap_or_else(|error| panic!("{hint}: {command:?}: {error}"));
     let said = || [&*output.stdout, &*output.stderr].map(String::from_utf8_lossy).concat();
     assert!(output.status.success(), "{hint}: {command:?}: {}: {}", output.status, said());

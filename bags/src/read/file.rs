@@ -10,7 +10,10 @@ use mcap::records::{self, Channel, Record, SchemaHeader, op};
 
 use super::chunk::{MESSAGE_HEAD_BYTES, MessageHead, RECORD_HEAD_BYTES, record_head, records as records_in, unpack};
 use super::window::Window;
-use super::{CHUNK_BYTES_MAX, RECORD_BYTES_MAX, Topic, summary};
+use super::{
+    CHUNK_BYTES_MAX, DESCRIPTION_BYTES_MAX, PARTS_MAX, PROBLEMS_MAX, PROBLEMS_PER_CHUNK, RECORD_BYTES_MAX, Topic,
+    summary,
+};
 use crate::error::BagError;
 
 /// Messages outside of chunks are read in pieces of about this size.
@@ -58,6 +61,8 @@ pub(crate) struct McapFile {
     pub(super) metadata: Vec<records::Metadata>,
     pub(super) is_complete: bool,
     pub(super) is_indexed: bool,
+    /// Bytes of what describes the messages, so far.
+    description_bytes: usize,
     /// Times of all messages as the summary has them.
     summary_bounds_ns: Option<(u64, u64)>,
 }
@@ -83,6 +88,7 @@ impl McapFile {
             metadata: Vec::new(),
             is_complete: false,
             is_indexed: false,
+            description_bytes: 0,
             summary_bounds_ns: None,
             file,
         };
@@ -228,6 +234,9 @@ impl McapFile {
                 Err(reason) => {
                     whole = false;
                     problems.push(BagError::damaged(&self.path, at, reason));
+                    if problems.len() > PROBLEMS_MAX {
+                        break;
+                    }
                     match self.next_chunk(at, summary, &mut window).map_err(BagError::io(&self.path))? {
                         Some(next) => next,
                         None => break,
@@ -247,6 +256,9 @@ impl McapFile {
     fn note(&mut self, opcode: u8, at: u64, length: u64, window: &mut Window<'_>) -> Result<(), String> {
         let content_at = at + RECORD_HEAD_BYTES as u64;
         let io = |error: std::io::Error| error.to_string();
+        if self.segments.len() + self.attachments.len() + self.metadata.len() > PARTS_MAX {
+            return Err(format!("the file has more than {PARTS_MAX} parts"));
+        }
         match opcode {
             op::CHUNK => {
                 let head = window.at(content_at, CHUNK_HEAD_BYTES + 8).map_err(io)?;
@@ -296,6 +308,10 @@ impl McapFile {
 
     /// Takes in a record that describes others.
     fn describe(&mut self, opcode: u8, content: &[u8]) -> Result<(), String> {
+        self.description_bytes += content.len();
+        if self.description_bytes > DESCRIPTION_BYTES_MAX {
+            return Err(format!("what describes the messages takes more than {DESCRIPTION_BYTES_MAX} bytes"));
+        }
         match mcap::parse_record(opcode, content).map_err(|error| error.to_string())? {
             Record::Header(header) => (self.profile, self.library) = (header.profile, header.library),
             Record::Schema { header, data } => {
@@ -355,6 +371,7 @@ impl McapFile {
                     continue;
                 }
             };
+            let mut faults = 0;
             for record in records_in(&bytes) {
                 let noted = record.and_then(|(opcode, range)| match opcode {
                     op::SCHEMA | op::CHANNEL => {
@@ -370,6 +387,10 @@ impl McapFile {
                     _ => Ok(()),
                 });
                 if let Err((within, reason)) = noted {
+                    faults += 1;
+                    if faults > PROBLEMS_PER_CHUNK {
+                        break;
+                    }
                     let reason = format!("{reason} (byte {within} of the records there)");
                     problems.push(BagError::damaged(&self.path, segment.offset, reason));
                 }

@@ -6,9 +6,9 @@ use std::collections::{BTreeMap, BTreeSet, BinaryHeap, VecDeque};
 use bytes::Bytes;
 use mcap::records::op;
 
-use super::Bag;
 use super::chunk::{MESSAGE_HEAD_BYTES, MessageHead, records};
 use super::file::Segment;
+use super::{Bag, PROBLEMS_PER_CHUNK};
 use crate::error::BagError;
 
 /// Unpacked parts of a bag that overlap in time are held together, up to this many bytes. Beyond, messages come in the
@@ -136,7 +136,12 @@ impl<'a> Messages<'a> {
             Err(error) => return self.errors.push_back(error),
         };
         let mut messages = Vec::new();
+        let errors_before = self.errors.len();
         for record in records(&bytes) {
+            // A chunk that is full of faults has nothing more to say.
+            if self.errors.len() - errors_before >= PROBLEMS_PER_CHUNK {
+                break;
+            }
             let fail = |within: usize, reason: &str| {
                 let reason = format!("{reason} (byte {within} of the records there)");
                 BagError::damaged(&file.path, segment.offset, reason)
@@ -174,8 +179,9 @@ impl<'a> Messages<'a> {
         messages.sort_by_key(|message| message.log_ns);
         if let Some(first) = messages.first() {
             self.fronts.push(Reverse((first.log_ns, place)));
-            self.held_bytes += bytes.len();
-            self.held.insert(place, Held { bytes: bytes.len(), messages: messages.into() });
+            let bytes = bytes.len() + messages.len() * size_of::<Message>();
+            self.held_bytes += bytes;
+            self.held.insert(place, Held { bytes, messages: messages.into() });
         }
     }
 }

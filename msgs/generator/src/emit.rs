@@ -1,12 +1,13 @@
 //! Rust source of the definitions.
 //!
 //! The source is meant for `include!` at the root of a crate that has the traits `Message`, `Service`, `Action` and
-//! `MessageVisitor`, the struct `TypeInfo`, and the dependencies `serde`, `serde_bytes` and `serde-big-array`. Paths into
+//! `MessageVisitor`, the structs `TypeInfo` and `FieldInfo`, and the dependencies `serde`, `serde_bytes` and `serde-big-array`. Paths into
 //! `std` are written out because types such as `std_msgs/String` hide the names of the prelude.
 
 use crate::{
     catalogue::Catalogue,
     error::{Error, Problem},
+    hash::{DescribedType, describe},
     model::{Arity, Element, Field, FieldType, Role, Structure, TypeName},
     rust::{LARGEST_PLAIN_ARRAY, constant, default_of, docs, ident, needs_own_default, primitive_type},
 };
@@ -30,6 +31,7 @@ pub fn emit(catalogue: &Catalogue, own: &str) -> Result<String, Error> {
         };
     }
     source += &emitter.registry(&structures);
+    source += &emitter.descriptions();
     Ok(source)
 }
 
@@ -200,13 +202,32 @@ impl Emitter<'_> {
         let name = &structure.name;
         format!(
             "const INFO: crate::TypeInfo = crate::TypeInfo {{\npackage: {:?},\nnamespace: {:?},\nname: {:?},\n\
-             definition: {:?},\ntype_hash: {:?},\n}};\n",
+             definition: {:?},\ntype_hash: {:?},\nreferences: &{:?},\n}};\n",
             name.package,
             name.namespace.as_str(),
             name.name,
             self.catalogue.schema(structure),
-            self.catalogue.type_hash(structure)
+            self.catalogue.type_hash(structure),
+            self.catalogue.references(name).into_iter().map(TypeName::to_string).collect::<Vec<_>>()
         )
+    }
+
+    /// The fields of every type, for those who ask at run time what a type consists of.
+    fn descriptions(&self) -> String {
+        let described = |field: &Field| {
+            let DescribedType { id, capacity, string_capacity, nested } = describe(&field.ty);
+            format!(
+                "crate::FieldInfo {{ name: {:?}, type_id: {id}, capacity: {capacity}, string_capacity: \
+                 {string_capacity}, nested_type_name: {nested:?} }}",
+                field.name
+            )
+        };
+        let structures = self.catalogue.structures().map(|structure| {
+            let fields: Vec<_> = structure.body.fields.iter().map(described).collect();
+            format!("({:?}, &[{}]),\n", structure.name.to_string(), fields.join(", "))
+        });
+        let structures: String = structures.collect();
+        format!("static FIELDS: &[(&str, &[crate::FieldInfo])] = &[\n{structures}];\n")
     }
 
     /// What finds a type by its name at run time.

@@ -35,6 +35,21 @@ fn description(structure: &Structure) -> String {
 }
 
 fn field_type(ty: &FieldType) -> String {
+    let DescribedType { id, capacity, string_capacity, nested } = describe(ty);
+    format!(
+        r#"{{"type_id": {id}, "capacity": {capacity}, "string_capacity": {string_capacity}, "nested_type_name": "{nested}"}}"#
+    )
+}
+
+/// A field's type in the terms of `type_description_interfaces/msg/FieldType`.
+pub(crate) struct DescribedType {
+    pub(crate) id: u32,
+    pub(crate) capacity: u32,
+    pub(crate) string_capacity: u32,
+    pub(crate) nested: String,
+}
+
+pub(crate) fn describe(ty: &FieldType) -> DescribedType {
     let (offset, capacity) = match ty.arity {
         Arity::One => (0, 0),
         Arity::Array(size) => (48, size),
@@ -49,10 +64,7 @@ fn field_type(ty: &FieldType) -> String {
         Element::Nested(name) => name.to_string(),
         _ => String::new(),
     };
-    let id = offset + element_id(&ty.element);
-    format!(
-        r#"{{"type_id": {id}, "capacity": {capacity}, "string_capacity": {string_capacity}, "nested_type_name": "{nested}"}}"#
-    )
+    DescribedType { id: offset + element_id(&ty.element), capacity, string_capacity, nested }
 }
 
 /// The constants of `type_description_interfaces/msg/FieldType`.

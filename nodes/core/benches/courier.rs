@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 
 fn servo(criterion: &mut Criterion) {
     let waveform = Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 17.66, 130.9).unwrap();
-    let (ideal, assumed) = (PlantParameters::IDEAL, PlantParameters::ASSUMED);
+    let (ideal, assumed) = (PlantParameters::IDEAL, PlantParameters::assumed());
     for (name, plant, enabled) in [("ideal", ideal, false), ("assumed", assumed, false), ("learned", assumed, true)] {
         let learning = LearningParameters { enabled, ..LearningParameters::default() };
         let config = CourierConfig { plant, learning, ..CourierConfig::default() };

@@ -7,59 +7,77 @@ mod trajectory;
 
 use std::time::Duration;
 
-use feeder_core::courier::{self, DriverEvent, DriverStatus, GoalHandle, GoalOutcome, VibrationPhase};
+use feeder_core::courier::{self, Commander, DriverEvent, DriverStatus, GoalHandle, Rejection, VibrationPhase};
 use feeder_core::motion::MotionBlock;
 use feeder_core::scenario::Scenario;
 use feeder_core::seed::seed_for;
 use feeder_core::waveform::Waveform;
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{
-    ActionServer, ActionServerPorts, Declare, FeederNode, GoalEnd, GoalId, Latency, NodeError, Publisher, Server,
-    ServerEvent, StepIo, Subscriber,
+    ActionServer, ActionServerPorts, Declare, FeederNode, GoalId, GoalRequest, Latency, Lifecycle, LifecyclePorts,
+    LifecycleState, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber,
 };
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectory, FollowJointTrajectoryResult};
-use minifactory_msgs::msg::{self, CourierState, TrayMotion};
+use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
+use minifactory_msgs::msg::{self, CourierState, DeliveryState, TrayMotion};
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::JointState;
+use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::std_srvs::srv::{Trigger, TriggerResponse};
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
 
-/// Goals come from the delivery planner alone in normal running; the driver tells clients apart by number.
-const ANY_CLIENT: u64 = 0;
+/// Between two messages of feedback on a trajectory.
+const FEEDBACK_PERIOD: Duration = Duration::from_millis(50);
+/// Between two messages on `/diagnostics`.
+const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);
 
 /// Handles of the driver's ports.
 pub struct Ports {
-    waveform: Subscriber<msg::Waveform>,
+    lifecycle: LifecyclePorts,
+    topics: Topics,
+    services: Services,
     trajectory: ActionServerPorts<FollowJointTrajectory>,
-    halt: Server<Trigger>,
-    reset_fault: Server<Trigger>,
+}
+
+struct Topics {
+    waveform: Subscriber<msg::Waveform>,
+    delivery_state: Subscriber<DeliveryState>,
     motion: Publisher<TrayMotion>,
     odometry: Publisher<Odometry>,
     joint_states: Publisher<JointState>,
     state: Publisher<CourierState>,
+    diagnostics: Publisher<DiagnosticArray>,
     tf: Publisher<TFMessage>,
     tf_static: Publisher<TFMessage>,
 }
 
+struct Services {
+    halt: Server<Trigger>,
+    home: Server<Trigger>,
+    emergency_stop: Server<Trigger>,
+    reset_fault: Server<Trigger>,
+}
+
 /// The courier driver.
 pub struct CourierDriver {
-    waveform: Subscriber<msg::Waveform>,
-    halt: Server<Trigger>,
-    reset_fault: Server<Trigger>,
-    motion: Publisher<TrayMotion>,
-    odometry: Publisher<Odometry>,
-    joint_states: Publisher<JointState>,
-    state: Publisher<CourierState>,
-    tf: Publisher<TFMessage>,
-    tf_static: Publisher<TFMessage>,
+    topics: Topics,
+    services: Services,
+    lifecycle: Lifecycle,
     trajectory: ActionServer<FollowJointTrajectory>,
     driver: courier::CourierDriver,
     servo_ticks: usize,
     tick: Duration,
     sequence: u32,
+    name: String,
     names: messages::Names,
     tray_height_m: f64,
     goals: Vec<(GoalHandle, GoalId)>,
+    /// The waveform last accepted, its stamp left out: hearing it again changes nothing.
+    accepted: Option<msg::Waveform>,
+    /// Why the waveform last heard was refused.
+    refused: Option<String>,
+    /// Number of the waveform last heard, for the generator to know that it was.
+    heard_sequence: u32,
 }
 
 impl FeederNode for CourierDriver {
@@ -77,22 +95,32 @@ impl FeederNode for CourierDriver {
 
     fn declare(io: &mut Declare, _: &Scenario) -> Ports {
         Ports {
-            waveform: io.subscriber("waveform", Latency::Forward, Qos::latched()),
+            lifecycle: io.lifecycle(Self::NAME),
+            topics: Topics {
+                waveform: io.subscriber("waveform", Latency::Forward, Qos::latched()),
+                delivery_state: io.subscriber("delivery_state", Latency::Feedback, Qos::command()),
+                motion: io.publisher("tray_motion", Qos::command()),
+                odometry: io.publisher("odometry", Qos::command()),
+                joint_states: io.publisher("joint_states", Qos::command()),
+                state: io.publisher("courier_state", Qos::command()),
+                diagnostics: io.publisher("/diagnostics", Qos::command()),
+                tf: io.publisher("/tf", Qos::command()),
+                tf_static: io.publisher("/tf_static", Qos::latched()),
+            },
+            services: Services {
+                halt: io.server("halt"),
+                home: io.server("home"),
+                emergency_stop: io.server("emergency_stop"),
+                reset_fault: io.server("reset_fault"),
+            },
             trajectory: io.action_server("follow_joint_trajectory"),
-            halt: io.server("halt"),
-            reset_fault: io.server("reset_fault"),
-            motion: io.publisher("tray_motion", Qos::command()),
-            odometry: io.publisher("odometry", Qos::command()),
-            joint_states: io.publisher("joint_states", Qos::command()),
-            state: io.publisher("courier_state", Qos::command()),
-            tf: io.publisher("/tf", Qos::command()),
-            tf_static: io.publisher("/tf_static", Qos::latched()),
         }
     }
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
         let seed = seed_for(config.seed, Self::NAME);
-        let driver = courier::CourierDriver::simulated(config.courier, seed).map_err(NodeError::new)?;
+        let mut driver = courier::CourierDriver::simulated(config.courier, seed).map_err(NodeError::new)?;
+        driver.set_active(false);
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
@@ -100,32 +128,35 @@ impl FeederNode for CourierDriver {
         )]
         let servo_ticks = (config.time.tick_s() / config.courier.servo_period_s).round() as usize;
         Ok(Self {
-            waveform: ports.waveform,
-            halt: ports.halt,
-            reset_fault: ports.reset_fault,
-            motion: ports.motion,
-            odometry: ports.odometry,
-            joint_states: ports.joint_states,
-            state: ports.state,
-            tf: ports.tf,
-            tf_static: ports.tf_static,
+            topics: ports.topics,
+            services: ports.services,
+            lifecycle: Lifecycle::new(ports.lifecycle),
             trajectory: ActionServer::new(ports.trajectory),
             driver,
             servo_ticks,
             tick: Duration::from_millis(config.time.tick_ms),
             sequence: 0,
+            name: format!("{}/{}", config.namespace(), Self::NAME),
             names: messages::Names::new(&config.feeder),
             tray_height_m: config.tray.floor_height_m,
             goals: Vec::new(),
+            accepted: None,
+            refused: None,
+            heard_sequence: 0,
         })
     }
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
+        let Self { lifecycle, driver, .. } = self;
+        lifecycle.poll(io, |state| {
+            driver.set_active(state == LifecycleState::Active);
+            Ok(())
+        });
         // First the tick that has just passed, under the commands that were known then.
         let ran = if io.tick() > 0 { self.servo_ticks } else { 0 };
         let output = self.driver.step(ran);
         if io.tick() == 0 {
-            io.publish(&self.tf_static, &self.names.static_transforms(io.stamp(), self.tray_height_m));
+            io.publish(&self.topics.tf_static, &self.names.static_transforms(io.stamp(), self.tray_height_m));
         } else {
             self.publish_motion(io, &output.block);
         }
@@ -146,14 +177,14 @@ impl CourierDriver {
         "platen".clone_into(&mut message.header.frame_id);
         message.sequence = self.sequence;
         self.sequence += 1;
-        io.publish(&self.motion, &message);
+        io.publish(&self.topics.motion, &message);
     }
 
     fn publish_state(&self, io: &mut StepIo, status: &DriverStatus) {
         let stamp = io.stamp();
-        io.publish(&self.odometry, &self.names.odometry(stamp, status));
-        io.publish(&self.joint_states, &messages::joint_states(stamp, status));
-        io.publish(&self.tf, &self.names.transforms(stamp, status));
+        io.publish(&self.topics.odometry, &self.names.odometry(stamp, status));
+        io.publish(&self.topics.joint_states, &messages::joint_states(stamp, status));
+        io.publish(&self.topics.tf, &self.names.transforms(stamp, status));
         let error = status.tracking_error_peak;
         let state = CourierState {
             header: io.header("platen"),
@@ -162,8 +193,22 @@ impl CourierDriver {
             position_error_m: error.xy().norm(),
             yaw_error_rad: error.z,
             fault: status.fault.as_ref().map(ToString::to_string).unwrap_or_default(),
+            waveform_sequence: self.heard_sequence,
         };
-        io.publish(&self.state, &state);
+        io.publish(&self.topics.state, &state);
+        if let Some((_, id)) = self.goals.last().filter(|_| self.due(io, FEEDBACK_PERIOD)) {
+            self.trajectory.feedback(io, *id, messages::feedback(stamp, status));
+        }
+        if self.due(io, DIAGNOSTICS_PERIOD) {
+            let message = messages::diagnostics(stamp, &self.name, self.lifecycle.state().label(), status);
+            io.publish(&self.topics.diagnostics, &message);
+        }
+    }
+
+    /// Whether something that is done every `period` is done in this tick.
+    fn due(&self, io: &StepIo, period: Duration) -> bool {
+        let ticks = u64::try_from(period.as_nanos() / self.tick.as_nanos().max(1)).unwrap_or(1);
+        io.tick().is_multiple_of(ticks.max(1))
     }
 
     fn report(&mut self, io: &mut StepIo, event: DriverEvent) {
@@ -171,59 +216,25 @@ impl CourierDriver {
             DriverEvent::GoalEnded(handle, outcome) => {
                 let Some(index) = self.goals.iter().position(|(known, _)| *known == handle) else { return };
                 let (_, id) = self.goals.remove(index);
-                let (end, error_code, error_string) = match outcome {
-                    GoalOutcome::Succeeded => {
-                        (GoalEnd::Succeeded, FollowJointTrajectoryResult::SUCCESSFUL, String::new())
-                    }
-                    // As ros2_control ends a goal that another one replaces.
-                    GoalOutcome::Preempted => (
-                        GoalEnd::Canceled,
-                        FollowJointTrajectoryResult::INVALID_GOAL,
-                        "replaced by another goal".to_owned(),
-                    ),
-                    GoalOutcome::Halted => {
-                        (GoalEnd::Canceled, FollowJointTrajectoryResult::SUCCESSFUL, "halted".to_owned())
-                    }
-                    GoalOutcome::ToleranceViolated { error } => (
-                        GoalEnd::Aborted,
-                        FollowJointTrajectoryResult::GOAL_TOLERANCE_VIOLATED,
-                        format!("the end was missed by ({}, {}) m and {} rad", error.x, error.y, error.z),
-                    ),
-                    GoalOutcome::Faulted(fault) => {
-                        (GoalEnd::Aborted, FollowJointTrajectoryResult::PATH_TOLERANCE_VIOLATED, fault.to_string())
-                    }
-                };
-                self.trajectory.finish(io, id, end, FollowJointTrajectoryResult { error_code, error_string });
+                let (end, result) = messages::result(outcome);
+                self.trajectory.finish(io, id, end, result);
             }
             DriverEvent::Fault(fault) => tracing::error!("fault: {fault}"),
         }
     }
 
     fn take_commands(&mut self, io: &mut StepIo) {
-        for message in io.take(&self.waveform) {
-            let refused = match Waveform::try_from(&message) {
-                Ok(waveform) => {
-                    self.driver.set_waveform(&waveform, message.enabled).err().map(|error| error.to_string())
-                }
-                Err(error) => Some(error.to_string()),
-            };
-            if let Some(reason) = refused {
-                tracing::warn!("refused waveform {}: {reason}", message.sequence);
-            }
+        for message in io.take(&self.topics.waveform) {
+            self.driver.hear(Commander::Generator);
+            self.heard_sequence = message.sequence;
+            self.take_waveform(message);
+        }
+        if !io.take(&self.topics.delivery_state).is_empty() {
+            self.driver.hear(Commander::Planner);
         }
         for event in self.trajectory.poll(io) {
             match event {
-                ServerEvent::Requested(request) => {
-                    let begun = trajectory::parse(&request.goal)
-                        .and_then(|path| self.driver.execute(ANY_CLIENT, &path).map_err(|error| error.to_string()));
-                    match begun {
-                        Ok(handle) => {
-                            self.goals.push((handle, request.id));
-                            self.trajectory.accept(io, request);
-                        }
-                        Err(reason) => self.trajectory.reject(io, request, &reason),
-                    }
-                }
+                ServerEvent::Requested(request) => self.begin(io, request),
                 ServerEvent::CancelRequested(id) => {
                     if let Some((handle, _)) = self.goals.iter().find(|(_, known)| *known == id) {
                         self.driver.cancel(*handle);
@@ -231,16 +242,66 @@ impl CourierDriver {
                 }
             }
         }
-        for (asker, _) in io.requests(&self.halt) {
+        let done = |message: &str| TriggerResponse { success: true, message: message.to_owned() };
+        let refused = |reason: String| TriggerResponse { success: false, message: reason };
+        for (asker, _) in io.requests(&self.services.halt) {
             self.driver.halt();
-            io.reply(&self.halt, asker, &TriggerResponse { success: true, message: "coming to rest".to_owned() });
+            io.reply(&self.services.halt, asker, &done("coming to rest"));
         }
-        for (asker, _) in io.requests(&self.reset_fault) {
-            let response = match self.driver.reset_fault() {
-                Ok(()) => TriggerResponse { success: true, message: String::new() },
-                Err(fault) => TriggerResponse { success: false, message: fault.to_string() },
+        for (asker, _) in io.requests(&self.services.home) {
+            let response = match self.driver.home(asker.client()) {
+                Ok(_) => done("on the way"),
+                Err(reason) => refused(reason.to_string()),
             };
-            io.reply(&self.reset_fault, asker, &response);
+            io.reply(&self.services.home, asker, &response);
+        }
+        for (asker, _) in io.requests(&self.services.emergency_stop) {
+            self.driver.emergency_stop();
+            io.reply(&self.services.emergency_stop, asker, &done("stopped until reset_fault"));
+        }
+        for (asker, _) in io.requests(&self.services.reset_fault) {
+            let response = match self.driver.reset_fault() {
+                Ok(()) => done(""),
+                Err(fault) => refused(fault.to_string()),
+            };
+            io.reply(&self.services.reset_fault, asker, &response);
+        }
+    }
+
+    /// Takes a waveform. One that was accepted before is only a sign of life: what a halt or a fault has stopped stays so.
+    fn take_waveform(&mut self, message: msg::Waveform) {
+        let message = msg::Waveform { header: Header::default(), ..message };
+        if self.accepted.as_ref() == Some(&message) {
+            return;
+        }
+        let taken = Waveform::try_from(&message).map_err(|error| error.to_string()).and_then(|waveform| {
+            self.driver.set_waveform(&waveform, message.enabled).map_err(|error| error.to_string())
+        });
+        let refused = taken.err();
+        if let Some(reason) = refused.as_ref().filter(|_| self.refused != refused) {
+            tracing::warn!("refused waveform {}: {reason}", message.sequence);
+        }
+        if refused.is_none() {
+            self.accepted = Some(message);
+        }
+        self.refused = refused;
+    }
+
+    /// Begins a goal, or refuses it and says why.
+    fn begin(&mut self, io: &mut StepIo, request: GoalRequest<FollowJointTrajectory>) {
+        let begun = trajectory::parse(&request.goal, io.now_ns()).and_then(|(trajectory, tolerances)| {
+            let begun = self.driver.execute_within(request.client(), &trajectory, &tolerances);
+            begun.map_err(|reason: Rejection| (FollowJointTrajectoryResult::INVALID_GOAL, reason.to_string()))
+        });
+        match begun {
+            Ok(handle) => {
+                self.goals.push((handle, request.id));
+                self.trajectory.accept(io, request);
+            }
+            Err((error_code, reason)) => {
+                let result = FollowJointTrajectoryResult { error_code, error_string: reason.clone() };
+                self.trajectory.reject_with(io, request, &reason, result);
+            }
         }
     }
 }

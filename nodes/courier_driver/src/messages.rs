@@ -1,13 +1,18 @@
 //! What the driver says, in standard messages.
 
-use feeder_core::courier::{AXES, DriverStatus};
+use feeder_core::courier::{AXES, DriverStatus, GoalOutcome, VibrationPhase};
+use feeder_runtime::node::GoalEnd;
 use minifactory_msgs::builtin_interfaces::msg::Time;
+use minifactory_msgs::control_msgs::action::{FollowJointTrajectoryFeedback, FollowJointTrajectoryResult};
 use minifactory_msgs::convert::{planar_pose, quaternion_of_yaw};
+use minifactory_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
 use minifactory_msgs::geometry_msgs::msg::{Transform, TransformStamped, Vector3};
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::JointState;
 use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
+use minifactory_msgs::trajectory_msgs::msg::JointTrajectoryPoint;
+use nalgebra::Vector3 as Motion;
 
 /// Names of the feeder's frames.
 pub(crate) struct Names {
@@ -62,4 +67,72 @@ pub(crate) fn joint_states(stamp: Time, status: &DriverStatus) -> JointState {
         velocity: status.velocity.iter().copied().collect(),
         effort: Vec::new(),
     }
+}
+
+/// Set point, motion and their difference, as the feedback of a trajectory.
+pub(crate) fn feedback(stamp: Time, status: &DriverStatus) -> FollowJointTrajectoryFeedback {
+    let point = |position: Motion<f64>, velocity: Motion<f64>| JointTrajectoryPoint {
+        positions: position.iter().copied().collect(),
+        velocities: velocity.iter().copied().collect(),
+        ..JointTrajectoryPoint::default()
+    };
+    let (position, velocity) = (status.set_point, status.set_point_velocity);
+    FollowJointTrajectoryFeedback {
+        header: Header { stamp, frame_id: "platen".to_owned() },
+        joint_names: AXES.map(str::to_owned).to_vec(),
+        desired: point(position, velocity),
+        actual: point(status.position, status.velocity),
+        error: point(position - status.position, velocity - status.velocity),
+        ..FollowJointTrajectoryFeedback::default()
+    }
+}
+
+/// How a goal ended, in the terms of its action.
+pub(crate) fn result(outcome: GoalOutcome) -> (GoalEnd, FollowJointTrajectoryResult) {
+    use FollowJointTrajectoryResult as Code;
+    let (end, error_code, error_string) = match outcome {
+        GoalOutcome::Succeeded => (GoalEnd::Succeeded, Code::SUCCESSFUL, String::new()),
+        // As ros2_control ends a goal that another one replaces.
+        GoalOutcome::Preempted => (GoalEnd::Canceled, Code::INVALID_GOAL, "replaced by another goal".to_owned()),
+        GoalOutcome::Halted => (GoalEnd::Canceled, Code::SUCCESSFUL, "halted".to_owned()),
+        GoalOutcome::ToleranceViolated { error } => {
+            let reason = format!("the end was missed by ({}, {}) m and {} rad", error.x, error.y, error.z);
+            (GoalEnd::Aborted, Code::GOAL_TOLERANCE_VIOLATED, reason)
+        }
+        GoalOutcome::PathViolated { quantity, axis, error, allowed } => {
+            let reason = format!("{quantity} of {} was {error:.6} off the path, allowed is {allowed:.6}", AXES[axis]);
+            (GoalEnd::Aborted, Code::PATH_TOLERANCE_VIOLATED, reason)
+        }
+        GoalOutcome::Faulted(fault) => (GoalEnd::Aborted, Code::PATH_TOLERANCE_VIOLATED, fault.to_string()),
+    };
+    (end, FollowJointTrajectoryResult { error_code, error_string })
+}
+
+/// How the driver fares, for `/diagnostics`.
+pub(crate) fn diagnostics(stamp: Time, name: &str, state: &str, status: &DriverStatus) -> DiagnosticArray {
+    let (level, message) = match &status.fault {
+        Some(fault) => (DiagnosticStatus::ERROR, fault.to_string()),
+        None if status.saturated_ticks > 0 => (DiagnosticStatus::WARN, "force or torque at its peak".to_owned()),
+        None => (DiagnosticStatus::OK, state.to_owned()),
+    };
+    let error = status.tracking_error_peak;
+    let vibration = match status.vibration {
+        VibrationPhase::Off => "off",
+        VibrationPhase::FadingIn => "fading in",
+        VibrationPhase::Steady => "steady",
+        VibrationPhase::FadingOut => "fading out",
+    };
+    let values = [
+        ("lifecycle state", state.to_owned()),
+        ("vibration", vibration.to_owned()),
+        ("moving", status.moving.to_string()),
+        ("position error (m)", format!("{:.3e}", error.xy().norm())),
+        ("yaw error (rad)", format!("{:.3e}", error.z)),
+        ("saturated servo ticks", status.saturated_ticks.to_string()),
+        ("learned delay (s)", format!("{:.3e}", status.learned_delay_s)),
+    ];
+    let values = values.map(|(key, value)| KeyValue { key: key.to_owned(), value }).to_vec();
+    let status =
+        DiagnosticStatus { level, name: name.to_owned(), message, hardware_id: "simulated courier".to_owned(), values };
+    DiagnosticArray { header: Header { stamp, frame_id: String::new() }, status: vec![status] }
 }

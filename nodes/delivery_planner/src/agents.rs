@@ -257,8 +257,9 @@ impl DeliveryPlanner {
         self.deliver.finish(io, open.goal, end, result);
     }
 
-    fn publish_delivery_state(&mut self, io: &mut StepIo) {
+    pub(crate) fn publish_delivery_state(&mut self, io: &mut StepIo) {
         self.said.header = io.header(&self.tray_frame);
+        self.said_ns = io.now_ns();
         io.publish(&self.ports.delivery_state, &self.said);
     }
 

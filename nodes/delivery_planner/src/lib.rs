@@ -32,6 +32,10 @@ use nalgebra::Vector3;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
+/// The delivery state is said at least this often, ns: a sign of life, by which the courier driver knows that moves are
+/// wanted.
+const REPEAT_PERIOD_NS: u64 = 500_000_000;
+
 /// Handles of the planner's plain ports.
 #[derive(Clone, Copy)]
 struct Plain {
@@ -86,6 +90,8 @@ pub struct DeliveryPlanner {
     changing: VecDeque<(CallId, Asker, usize)>,
     /// What was last said, to be said again when something changes.
     said: DeliveryState,
+    /// When that was, ns.
+    said_ns: u64,
     said_state: Option<FeederState>,
     fact: Factsheet,
     said_fact: bool,
@@ -165,6 +171,7 @@ impl FeederNode for DeliveryPlanner {
             purging: None,
             changing: VecDeque::new(),
             said: DeliveryState::default(),
+            said_ns: 0,
             said_state: None,
             fact: factsheet::of(config),
             said_fact: false,
@@ -177,6 +184,9 @@ impl FeederNode for DeliveryPlanner {
         self.take_requests(io, now);
         for output in self.sequencer.step(now) {
             self.act(io, now, output);
+        }
+        if io.now_ns().saturating_sub(self.said_ns) >= REPEAT_PERIOD_NS {
+            self.publish_delivery_state(io);
         }
         self.tell_state(io);
         Ok(())

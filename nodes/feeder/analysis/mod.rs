@@ -1,9 +1,11 @@
-//! Subcommands that compute rather than run: feed rates, tray maps, the paper's figures, and design.
+//! Subcommands that compute rather than run: feed rates, tray maps, the paper's figures, experiments, and design.
 
 mod arguments;
 mod chart;
+pub(crate) mod experiment;
 pub(crate) mod feed_rate;
 pub(crate) mod figures;
+pub(crate) mod identify;
 pub(crate) mod optimize;
 mod paper;
 pub(crate) mod tray_map;

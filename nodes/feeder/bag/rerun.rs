@@ -42,6 +42,8 @@ struct Run {
     scenario: Scenario,
     /// Ticks that the bag holds completely.
     ticks: u64,
+    /// Whether the bag is cut off: what lies behind those ticks is not whole.
+    cut_off: bool,
     tick_ns: u64,
 }
 
@@ -60,8 +62,8 @@ pub(crate) fn run(args: &RerunArgs) -> anyhow::Result<ExitCode> {
     };
     let settings = DiffSettings {
         selection,
-        // A tick that is not complete is not compared.
-        before_ns: Some((run.ticks + 1) * run.tick_ns),
+        // The clock tells the end of the last tick when there is no other message any more.
+        before_ns: run.cut_off.then_some(run.ticks * run.tick_ns),
         ..DiffSettings::default()
     };
     Ok(super::show(&diff(&bag, &Bag::open(&folder)?, &settings)))
@@ -79,7 +81,8 @@ fn recorded_run(bag: &Bag) -> anyhow::Result<Run> {
         eprintln!("warning: recorded by version {version}, this is {}", env!("CARGO_PKG_VERSION"));
     }
     let tick_ns = scenario.time.tick_ns();
-    let ticks = match bag.records(RUN_END).last().and_then(|facts| facts.get(TICKS)) {
+    let ended = bag.records(RUN_END).last().and_then(|facts| facts.get(TICKS));
+    let ticks = match ended {
         Some(ticks) => ticks.parse().with_context(|| format!("{ticks:?} is no number of ticks"))?,
         None => {
             // The run or its recorder was cut off: the last tick may lack something.
@@ -92,7 +95,7 @@ fn recorded_run(bag: &Bag) -> anyhow::Result<Run> {
     if ticks == 0 {
         bail!("the bag holds no complete tick");
     }
-    Ok(Run { scenario, ticks, tick_ns })
+    Ok(Run { scenario, ticks, cut_off: ended.is_none(), tick_ns })
 }
 
 fn run_all(args: &RerunArgs, bag: &Bag, run: &Run, work: &Path, folder: &Path) -> anyhow::Result<()> {

@@ -7,16 +7,18 @@
 //! | `--params-file file.yaml` | parameters of one or several nodes |
 //! | `--log-level [logger:=]level` | `debug`, `info`, `warn`, `error` or `fatal` |
 //! | `--enable-rosout-logs`, `--disable-rosout-logs` | whether the log goes to `/rosout` |
+//! | `--enable-stdout-logs`, `--disable-stdout-logs` | whether the log goes to the terminal |
+//! | `-e`, `--enclave`, `--log-config-file`, `--enable-external-lib-logs`, `--disable-external-lib-logs` | accepted, since launch files give them; nothing here is encrypted, and there is one kind of log |
 //!
 //! Of parameters given twice the last one holds. As elsewhere in ROS 2, `y`, `yes` and `on` without quotes are true.
 
 mod params_file;
 mod remap;
 
-use std::{collections::BTreeMap, fs, io, path::Path};
+use std::{collections::BTreeMap, fs, io, path::Path, sync::Arc};
 
 use crate::{
-    dds::{DdsError, NodeName},
+    dds::{DdsError, NodeName, check_absolute},
     parameters::Value,
 };
 use params_file::Given;
@@ -82,6 +84,15 @@ pub enum ArgsError {
     },
 }
 
+/// A parameter's value, and where it comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GivenValue {
+    /// The value.
+    pub value: Value,
+    /// The file or the argument that gives it.
+    pub source: Arc<str>,
+}
+
 /// What the command line says beside a program's own arguments.
 #[derive(Debug, Clone, Default)]
 pub struct RosArgs {
@@ -89,16 +100,19 @@ pub struct RosArgs {
     given: Vec<Given>,
     /// The level of loggers that are not named.
     pub log_level: Option<LogLevel>,
-    /// The levels of named loggers.
+    /// The levels of named loggers: a node's is its full name with dots, such as `feeder.courier_driver`.
     pub logger_levels: BTreeMap<String, LogLevel>,
     /// Whether the log is not to go to `/rosout`.
     pub no_rosout: bool,
+    /// Whether the log is not to go to the terminal.
+    pub no_stdout: bool,
     /// The program's own arguments.
     pub rest: Vec<String>,
 }
 
 const REMAP: &str = "--remap [node:]from:=to";
 const PARAM: &str = "--param [node:]name:=value";
+const ENCLAVE: &str = "an absolute name such as /feeder/courier_driver";
 const LOG_LEVEL: &str = "[logger:=]debug, info, warn, error or fatal";
 
 impl RosArgs {
@@ -110,7 +124,7 @@ impl RosArgs {
         Self::parse_with(arguments, |path| fs::read_to_string(path))
     }
 
-    fn parse_with(
+    pub(crate) fn parse_with(
         arguments: impl IntoIterator<Item = String>,
         read: impl Fn(&Path) -> io::Result<String>,
     ) -> Result<Self, ArgsError> {
@@ -151,8 +165,8 @@ impl RosArgs {
                     let path = value("--params-file", "a YAML file")?;
                     let text =
                         read(Path::new(&path)).map_err(|source| ArgsError::File { path: path.clone(), source })?;
-                    let given = params_file::read(&text).map_err(|reason| ArgsError::FileForm { path, reason })?;
-                    self.given.extend(given);
+                    let given = params_file::read(&path, &text);
+                    self.given.extend(given.map_err(|reason| ArgsError::FileForm { path, reason })?);
                 }
                 "--log-level" => {
                     let text = value("--log-level", LOG_LEVEL)?;
@@ -166,6 +180,18 @@ impl RosArgs {
                 }
                 "--enable-rosout-logs" => self.no_rosout = false,
                 "--disable-rosout-logs" => self.no_rosout = true,
+                "--enable-stdout-logs" => self.no_stdout = false,
+                "--disable-stdout-logs" => self.no_stdout = true,
+                "-e" | "--enclave" => {
+                    let enclave = value("--enclave", ENCLAVE)?;
+                    let refuse = |error: DdsError| bad("--enclave", &enclave, error.to_string(), ENCLAVE);
+                    // The root has no name to check.
+                    if enclave != "/" {
+                        check_absolute("enclave", &enclave).map_err(refuse)?;
+                    }
+                }
+                "--log-config-file" => _ = value("--log-config-file", "a file")?,
+                "--enable-external-lib-logs" | "--disable-external-lib-logs" => {}
                 _ => return Err(ArgsError::Unknown { argument }),
             }
         }
@@ -193,9 +219,22 @@ impl RosArgs {
 
     /// The parameters given to a node.
     #[must_use]
-    pub fn parameters(&self, node: &NodeName) -> BTreeMap<String, Value> {
+    pub fn parameters(&self, node: &NodeName) -> BTreeMap<String, GivenValue> {
         let given = self.given.iter().filter(|given| given.is_for(node));
-        given.map(|given| (given.name.clone(), given.value.clone())).collect()
+        given.map(|given| (given.name.clone(), given.given.clone())).collect()
+    }
+
+    /// The log level given to a node.
+    #[must_use]
+    pub fn log_level_of(&self, node: &NodeName) -> Option<LogLevel> {
+        let logger = node.to_string().trim_start_matches('/').replace('/', ".");
+        self.logger_levels.get(&logger).copied().or(self.log_level)
+    }
+
+    /// Whether names are changed or parameters are given.
+    #[must_use]
+    pub fn changes_anything(&self) -> bool {
+        !(self.rules.is_empty() && self.given.is_empty())
     }
 }
 
@@ -204,15 +243,25 @@ fn bad(argument: &'static str, value: &str, reason: String, expected: &'static s
 }
 
 impl LogLevel {
-    fn parse(word: &str) -> Option<Self> {
-        Some(match word.to_ascii_lowercase().as_str() {
-            "debug" => Self::Debug,
-            "info" => Self::Info,
-            "warn" => Self::Warn,
-            "error" => Self::Error,
-            "fatal" => Self::Fatal,
-            _ => return None,
-        })
+    /// All levels, from the least grave.
+    pub const ALL: [Self; 5] = [Self::Debug, Self::Info, Self::Warn, Self::Error, Self::Fatal];
+
+    /// Its word, as ROS 2 writes it.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Debug => "debug",
+            Self::Info => "info",
+            Self::Warn => "warn",
+            Self::Error => "error",
+            Self::Fatal => "fatal",
+        }
+    }
+
+    /// The level of a word, in any case.
+    #[must_use]
+    pub fn parse(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|level| level.word().eq_ignore_ascii_case(word))
     }
 }
 
@@ -288,7 +337,8 @@ feeder:
     fn parameters_come_from_files_and_the_command_line_and_the_last_holds() {
         let args = parse("--ros-args --params-file good.yaml -p seed:=3 -p courier_driver:on:=yes -p other:x:=1")
             .expect("good");
-        let given = args.parameters(&courier());
+        let given: BTreeMap<_, _> =
+            args.parameters(&courier()).into_iter().map(|(name, given)| (name, given.value)).collect();
         let expected = [
             ("limits.axes", Value::Texts(vec!["ax".into(), "by".into()])),
             ("limits.jerk_m_s3", Value::Double(10.5)),
@@ -299,7 +349,18 @@ feeder:
         assert_eq!(given, expected.map(|(name, value)| (name.to_owned(), value)).into());
         let other = NodeName::new("/other", "x").expect("good");
         let args = parse("--ros-args -p seed:=3 --params-file good.yaml").expect("good");
-        assert_eq!(args.parameters(&other)["seed"], Value::Integer(9));
+        let seed = &args.parameters(&other)["seed"];
+        assert_eq!((&seed.value, &*seed.source), (&Value::Integer(9), "good.yaml"));
+    }
+
+    #[test]
+    fn what_launch_files_add_is_accepted() {
+        let args = parse("--ros-args -e /feeder/a --enclave / --log-config-file log.ini --disable-external-lib-logs --disable-stdout-logs --log-level feeder.courier_driver:=error --log-level debug")
+            .expect("good");
+        assert!(args.no_stdout && !args.changes_anything());
+        assert_eq!(args.log_level_of(&courier()), Some(LogLevel::Error));
+        let other = NodeName::new("/", "other").expect("good");
+        assert_eq!(args.log_level_of(&other), Some(LogLevel::Debug));
     }
 
     #[test]
@@ -314,6 +375,8 @@ feeder:
             ("--ros-args -p rate:={a:1}", "--param"),
             ("--ros-args -p rate:=[1,a]", "one type"),
             ("--ros-args --log-level loud", "\"loud\" is no level"),
+            ("--ros-args -e feeder", "--enclave \"feeder\""),
+            ("--ros-args --log-config-file", "--log-config-file needs a value"),
             ("--ros-args --params-file none.yaml", "none.yaml"),
             ("--ros-args --params-file bad.yaml", "bad.yaml"),
         ] {

@@ -5,6 +5,7 @@
 //!   on `ros_discovery_info`, so that `ros2 node` and `ros2 topic` list them.
 //! - [`Server`], [`Client`]: services, in the wire forms of Fast DDS and Cyclone DDS alike.
 //! - [`Writer`], [`Reader`]: topics, as bytes ([`crate::cdr`] makes them from messages).
+//! - [`Loss`]: what endpoints have lost or refused; nothing is dropped uncounted.
 //!
 //! # Threads
 //! Each participant owns one thread that drains all its readers the moment samples arrive and calls
@@ -37,6 +38,7 @@ mod qos;
 mod raw;
 mod reader;
 mod server;
+mod tally;
 mod wire;
 mod writer;
 
@@ -50,10 +52,14 @@ pub use qos::{Durability, Qos, Reliability};
 pub use raw::{Guid, Sample, SampleId};
 pub use reader::Reader;
 pub use server::{ReplyHandle, Request, Server, ServerCounts};
+pub use tally::Loss;
 pub use writer::Writer;
 
 pub(crate) use executor::Task as BackgroundTask;
+pub(crate) use graph::fuzz_announcement;
 pub(crate) use names::check_absolute;
+pub(crate) use tally::Counter;
+pub(crate) use wire::fuzz as fuzz_wire;
 pub(crate) use writer::Outlet;
 
 /// The largest body in bytes that leaves in one datagram over the loopback interface

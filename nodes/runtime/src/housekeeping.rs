@@ -1,95 +1,153 @@
-//! What every node offers beside its own ports: `/rosout`, and its configuration as parameters.
+//! What every node offers beside its own ports: `/rosout`, `/diagnostics`, parameters, and descriptions of its types.
 
-use std::collections::BTreeMap;
-use std::sync::OnceLock;
+use std::str::FromStr;
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
 
+use minifactory_msgs::Message;
+use minifactory_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
+use minifactory_msgs::std_msgs::msg::Header;
 use serde::Serialize;
-use serde_json::Value as Json;
-use tracing_subscriber::EnvFilter;
-use tracing_subscriber::layer::SubscriberExt as _;
-use tracing_subscriber::util::SubscriberInitExt as _;
 
 use crate::args::LogLevel;
 use crate::clock::Clock;
-use crate::dds::{DdsError, Participant};
+use crate::configuration::{Configuration, changed};
+use crate::dds::{BackgroundTask, DdsError, Loss, Participant, Qos, Server, Writer};
+use crate::logging;
 use crate::node::NodeError;
 use crate::parameters::{Declaration, ParameterServer, Store, Value};
-use crate::rosout::{Rosout, RosoutLayer};
+use crate::rosout::Rosout;
+use crate::type_description;
 
-/// What the DDS library reports as errors are mostly peers that come and go.
-const DDS_FILTER: &str = "rustdds=off,ros2_client=off,mio=off";
+/// Whether a node takes its time from `/clock`.
+pub(crate) const USE_SIM_TIME: &str = "use_sim_time";
+/// Whether a node describes its types; the name is rclcpp's.
+const DESCRIBE_TYPES: &str = "start_type_description_service";
+/// From which gravity on messages are logged.
+const LOG_LEVEL: &str = "log_level";
+/// Between reports of what was lost, wall time.
+const REPORT_PERIOD: Duration = Duration::from_secs(1);
 
-static ROSOUT: OnceLock<RosoutLayer> = OnceLock::new();
-
-/// Sends log messages to standard error, and those of nodes to `/rosout`: those that `RUST_LOG` chooses, else those of
-/// `level` and graver, from info where none is given. To be called once, by `main`.
-pub fn start_logging(level: Option<LogLevel>) {
-    let level = match level {
-        Some(LogLevel::Debug) => "debug",
-        None | Some(LogLevel::Info) => "info",
-        Some(LogLevel::Warn) => "warn",
-        Some(LogLevel::Error | LogLevel::Fatal) => "error",
-    };
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(format!("{level},{DDS_FILTER}")));
-    let terminal = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_target(false);
-    let rosout = ROSOUT.get_or_init(RosoutLayer::new).clone();
-    tracing_subscriber::registry().with(filter).with(terminal).with(rosout).init();
+/// The parameters every node has.
+pub(crate) fn own_parameters(use_sim_time: bool) -> Vec<Declaration> {
+    let level = logging::level();
+    let words = LogLevel::ALL.map(LogLevel::word).join(", ");
+    vec![
+        Declaration::new(USE_SIM_TIME, Value::Bool(use_sim_time), "Whether time is that of /clock").read_only(),
+        Declaration::new(DESCRIBE_TYPES, Value::Bool(true), "Whether get_type_description is offered").read_only(),
+        Declaration::new(LOG_LEVEL, Value::Text(level.word().to_owned()), "Least gravity of what this process logs")
+            .constraints(&words),
+    ]
 }
 
-/// A node's `/rosout` and parameter services, until dropped.
+/// What a node offers beside its ports, until dropped.
 pub(crate) struct Housekeeping {
     _parameters: ParameterServer,
+    _types: Option<Server>,
+    _reporting: BackgroundTask,
+    _diagnostics: Writer,
     _rosout: Option<Rosout>,
 }
 
 impl Housekeeping {
-    pub(crate) fn open(participant: &Participant, parameters: Store, clock: &Clock) -> Result<Self, DdsError> {
-        let rosout = ROSOUT.get().map(|layer| layer.attach(participant, clock.clone())).transpose()?;
-        // Every parameter is read-only, so nothing is ever accepted here.
-        let refuse = |_: &[(String, Value)]| Err("parameters are read-only".to_owned());
-        let parameters = ParameterServer::new(participant, parameters, clock.clone(), refuse)?;
-        Ok(Self { _parameters: parameters, _rosout: rosout })
+    /// Opens everything. `accept` is asked about changes of parameters other than [`own_parameters`].
+    pub(crate) fn open(
+        participant: &Participant,
+        parameters: Store,
+        clock: &Clock,
+        accept: impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static,
+    ) -> Result<Self, DdsError> {
+        let describes = parameters.get(DESCRIBE_TYPES) != Some(&Value::Bool(false));
+        let diagnostics = participant.writer("/diagnostics", &DiagnosticArray::INFO.dds_type(), &Qos::command())?;
+        let reporting = participant.background(report(participant, &diagnostics, clock.clone()));
+        Ok(Self {
+            _rosout: logging::rosout().map(|layer| layer.attach(participant, clock.clone())).transpose()?,
+            _parameters: ParameterServer::new(participant, parameters, clock.clone(), with_own(accept))?,
+            _types: describes.then(|| type_description::serve(participant)).transpose()?,
+            _reporting: reporting,
+            _diagnostics: diagnostics,
+        })
     }
 }
 
-/// A configuration as read-only parameters, with dotted names, and `use_sim_time`.
-pub(crate) fn parameters_of<C: Serialize>(config: &C, use_sim_time: bool) -> Result<Store, NodeError> {
-    let mut declarations =
-        vec![Declaration::new("use_sim_time", Value::Bool(use_sim_time), "Whether time is that of /clock").read_only()];
-    flatten("", &serde_json::to_value(config).map_err(NodeError::new)?, &mut declarations);
-    Store::new(declarations, &BTreeMap::new()).map_err(NodeError::new)
+/// Sets what a node's own parameters were given at the start.
+///
+/// # Errors
+/// The reason for which one of them cannot be so.
+pub(crate) fn apply_own(parameters: &Store) -> Result<(), NodeError> {
+    let level = parameters.get(LOG_LEVEL).map_or(Ok(logging::level()), level_of).map_err(NodeError::new)?;
+    logging::set_level(level).map_err(NodeError::new)
 }
 
-fn flatten(name: &str, json: &Json, declarations: &mut Vec<Declaration>) {
-    let below = |key: &dyn std::fmt::Display| if name.is_empty() { key.to_string() } else { format!("{name}.{key}") };
-    match json {
-        Json::Object(fields) => fields.iter().for_each(|(key, value)| flatten(&below(key), value, declarations)),
-        Json::Array(values) => match list(values) {
-            Some(value) => declarations.push(Declaration::new(name, value, "From the scenario").read_only()),
-            None => values.iter().enumerate().for_each(|(index, value)| flatten(&below(&index), value, declarations)),
-        },
-        scalar => {
-            let value = value(scalar);
-            declarations.extend(value.map(|value| Declaration::new(name, value, "From the scenario").read_only()));
+fn level_of(value: &Value) -> Result<LogLevel, String> {
+    let word = if let Value::Text(word) = value { word.as_str() } else { "" };
+    let words = || LogLevel::ALL.map(LogLevel::word).join(", ");
+    LogLevel::parse(word).ok_or_else(|| format!("parameter {LOG_LEVEL}: {word:?} is no level, allowed are {}", words()))
+}
+
+/// Takes changes of the node's own parameters, and of others if `accept` does.
+fn with_own(
+    mut accept: impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static,
+) -> impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static {
+    move |changes| {
+        let (own, others): (Vec<_>, Vec<_>) = changes.iter().cloned().partition(|(name, _)| name == LOG_LEVEL);
+        let level = own.last().map(|(_, value)| level_of(value)).transpose()?;
+        if !others.is_empty() {
+            accept(&others)?;
+        }
+        level.map_or(Ok(()), logging::set_level)
+    }
+}
+
+/// Takes changes of a configuration that are valid, and hands the whole on to the node.
+pub(crate) fn reconfiguring<C>(
+    configuration: &Configuration<C>,
+) -> (impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static, Receiver<C>)
+where
+    C: Serialize + FromStr<Err: std::fmt::Display> + Clone + Send + 'static,
+{
+    let (sender, receiver) = channel();
+    let mut config = configuration.config.clone();
+    let accept = move |changes: &[(String, Value)]| {
+        config = changed(&config, changes)?;
+        sender.send(config.clone()).map_err(|_| "the node is about to leave".to_owned())
+    };
+    (accept, receiver)
+}
+
+/// Publishes what the participant's endpoints have lost or refused.
+fn report(participant: &Participant, diagnostics: &Writer, clock: Clock) -> impl Future<Output = ()> + Send + 'static {
+    let (losses, outlet, node) = (participant.watch_losses(), diagnostics.outlet(), participant.node().to_string());
+    async move {
+        let mut known = 0;
+        loop {
+            tokio::time::sleep(REPORT_PERIOD).await;
+            let losses = losses();
+            let total = losses.iter().map(|loss| loss.count).sum();
+            let header = Header { stamp: clock(), frame_id: String::new() };
+            let status = vec![communication(&node, &losses, total > known)];
+            known = total;
+            outlet.publish_message(&DiagnosticArray { header, status });
         }
     }
 }
 
-/// A scalar as a parameter; null has no type and is none.
-fn value(json: &Json) -> Option<Value> {
-    match json {
-        Json::Bool(value) => Some(Value::Bool(*value)),
-        Json::String(text) => Some(Value::Text(text.clone())),
-        Json::Number(number) => number.as_i64().map(Value::Integer).or_else(|| number.as_f64().map(Value::Double)),
-        Json::Null | Json::Array(_) | Json::Object(_) => None,
+/// How communication fares: a warning while losses are fresh, and all counts.
+fn communication(node: &str, losses: &[Loss], fresh: bool) -> DiagnosticStatus {
+    let key_value =
+        |loss: &Loss| KeyValue { key: format!("{}: {}", loss.endpoint, loss.what), value: loss.count.to_string() };
+    let (level, message) = match (losses.is_empty(), fresh) {
+        (true, _) => (DiagnosticStatus::OK, "nothing lost or refused"),
+        (false, false) => (DiagnosticStatus::OK, "nothing more lost or refused"),
+        (false, true) => (DiagnosticStatus::WARN, "samples, requests or replies lost or refused"),
+    };
+    DiagnosticStatus {
+        level,
+        name: format!("{node}: communication"),
+        message: message.to_owned(),
+        hardware_id: String::new(),
+        values: losses.iter().map(key_value).collect(),
     }
-}
-
-/// A list of numbers or of texts as one parameter.
-fn list(values: &[Json]) -> Option<Value> {
-    let numbers: Option<Vec<f64>> = values.iter().map(Json::as_f64).collect();
-    let texts = || values.iter().map(|value| value.as_str().map(str::to_owned)).collect::<Option<Vec<_>>>();
-    numbers.map(Value::Doubles).or_else(|| texts().map(Value::Texts))
 }
 
 #[cfg(test)]
@@ -97,19 +155,30 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_configuration_becomes_dotted_parameters() {
-        let config = serde_json::json!({
-            "name": "feeder", "on": true, "count": 3, "size": 0.5, "none": null,
-            "places": [0.1, 0.2], "stations": [{ "name": "a" }, { "name": "b" }],
+    fn fresh_losses_are_a_warning_and_counts_stay() {
+        let loss = Loss { endpoint: "rt/a".into(), what: "samples lost", count: 3 };
+        let ok = communication("/n", &[], false);
+        assert_eq!((ok.level, ok.name.as_str(), ok.values.len()), (DiagnosticStatus::OK, "/n: communication", 0));
+        let fresh = communication("/n", std::slice::from_ref(&loss), true);
+        assert_eq!((fresh.level, fresh.values[0].key.as_str()), (DiagnosticStatus::WARN, "rt/a: samples lost"));
+        let later = communication("/n", &[loss], false);
+        assert_eq!((later.level, later.values[0].value.as_str()), (DiagnosticStatus::OK, "3"));
+    }
+
+    #[test]
+    fn nothing_is_changed_when_one_change_is_refused() {
+        let mut seen = 0;
+        let (sender, asked) = channel();
+        let mut accept = with_own(move |changes| {
+            seen += changes.len();
+            let _ = sender.send(seen);
+            Err("no".to_owned())
         });
-        let store = parameters_of(&config, true).unwrap();
-        assert_eq!(store.get("name"), Some(&Value::Text("feeder".into())));
-        assert_eq!(store.get("count"), Some(&Value::Integer(3)));
-        assert_eq!(store.get("size"), Some(&Value::Double(0.5)));
-        assert_eq!(store.get("places"), Some(&Value::Doubles(vec![0.1, 0.2])));
-        assert_eq!(store.get("stations.1.name"), Some(&Value::Text("b".into())));
-        assert_eq!(store.get("use_sim_time"), Some(&Value::Bool(true)));
-        assert_eq!(store.get("none"), None);
-        assert!(store.check("count", &Value::Integer(4)).is_err());
+        let text = |name: &str, value: &str| (name.to_owned(), Value::Text(value.to_owned()));
+        assert_eq!(accept(&[text("x", "y"), text(LOG_LEVEL, "debug")]), Err("no".to_owned()));
+        assert_eq!(asked.try_recv(), Ok(1));
+        let refused = accept(&[text("x", "y"), text(LOG_LEVEL, "loud")]).unwrap_err();
+        assert!(refused.contains("debug, info, warn, error, fatal"), "{refused}");
+        assert!(asked.try_recv().is_err(), "nobody is asked about what cannot be done");
     }
 }

@@ -1,5 +1,6 @@
 //! Starts nodes: in a loop, against the wall clock, or on what a run recorded; from a table of all nodes, or from a node's own executable.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -12,14 +13,16 @@ use bytes::Bytes;
 
 use crate::args::{NameKind, RosArgs};
 use crate::clock::Clock;
+use crate::configuration::Configuration;
 use crate::dds::{Domain, NodeName, Participant};
 use crate::digest::Digest;
-use crate::housekeeping::{Housekeeping, parameters_of};
+use crate::housekeeping::{Housekeeping, USE_SIM_TIME, apply_own, own_parameters, reconfiguring};
 use crate::lockstep::{DdsLinks, Hub, Links, LoopContract, RunError, Runner};
 use crate::node::{Arrival, Declare, FeederNode, Interface, NodeError, Output, PortKind, StepIo, stamp_of_ns};
+use crate::parameters::Value;
 use crate::public::PublicSide;
 use crate::recording::Tap;
-use crate::wall_clock;
+use crate::wall_clock::{self, Pace, Time};
 
 /// Full name of the node `name` in `namespace`.
 #[must_use]
@@ -89,8 +92,10 @@ pub fn run_opened<N: FeederNode>(
         let now_ns = Arc::clone(&now_ns);
         move || stamp_of_ns(now_ns.load(Ordering::Relaxed))
     });
-    let parameters = parameters_of(config, true).map_err(RunError::Node)?;
-    let _housekeeping = Housekeeping::open(&participant, parameters, &clock)?;
+    let configuration = Configuration::new(config, N::settable(), own_parameters(true), &BTreeMap::new());
+    let configuration = configuration.map_err(RunError::Node)?;
+    let (accept, reconfigured) = reconfiguring(&configuration);
+    let _housekeeping = Housekeeping::open(&participant, configuration.store, &clock, accept)?;
     // What this thread logs is this node's, also where several share a process.
     let _span = tracing::info_span!("node", node = %participant.node()).entered();
     let (sender, inbox) = channel();
@@ -105,6 +110,8 @@ pub fn run_opened<N: FeederNode>(
     Runner::new(node, full_name, interface, &seat.contract, links, Some(public), digest)?
         .timed(now_ns)
         .recorded(tap)
+        .reconfigured_by(reconfigured)
+        .counted_by(participant.counter("messages", "samples that are not of their type"))
         .run(&inbox, &seat.stop)
 }
 
@@ -174,11 +181,11 @@ pub fn run_real<N: FeederNode>(
     run_remapped::<N>(domain, namespace, &RosArgs::default(), config, stop)
 }
 
-/// As [`run_real`], under the names that ROS arguments give the node, its topics and its services.
+/// As [`run_real`], under the names and with the parameters that ROS arguments give the node, its topics and services.
 ///
 /// # Errors
-/// As [`run_real`], and when parameters are given: they are read-only, the configuration holds them.
-pub(crate) fn run_remapped<N: FeederNode>(
+/// As [`run_real`], and when a name or a parameter makes no sense.
+pub fn run_remapped<N: FeederNode>(
     domain: &Domain,
     namespace: &str,
     ros: &RosArgs,
@@ -186,12 +193,12 @@ pub(crate) fn run_remapped<N: FeederNode>(
     stop: &AtomicBool,
 ) -> Result<(), RunError> {
     let name = ros.node_name(&NodeName::new(namespace, N::NAME)?)?;
-    if let Some(parameter) = ros.parameters(&name).keys().next() {
-        let reason = format!("parameter {parameter} is read-only: change it in the scenario and give that as --config");
-        return Err(RunError::Node(NodeError::new(reason)));
-    }
+    let configuration = Configuration::new(config, N::settable(), own_parameters(false), &ros.parameters(&name));
+    let configuration = configuration.map_err(RunError::Node)?;
+    apply_own(&configuration.store).map_err(RunError::Node)?;
+    let config = configuration.config.clone();
     let mut declare = Declare::new(name.namespace());
-    let ports = N::declare(&mut declare, config);
+    let ports = N::declare(&mut declare, &config);
     let mut interface = declare.finish();
     for port in &mut interface.ports {
         let kind = match port.kind {
@@ -200,12 +207,16 @@ pub(crate) fn run_remapped<N: FeederNode>(
         };
         port.name = ros.resolve(&name, &port.name, kind)?;
     }
-    let node = N::open(ports, config).map_err(RunError::Node)?;
+    let node = N::open(ports, &config).map_err(RunError::Node)?;
     let participant = Participant::open(domain, &name)?;
-    let parameters = parameters_of(config, false).map_err(RunError::Node)?;
-    let clock: Clock = Arc::new(crate::clock::wall_clock);
-    let _housekeeping = Housekeeping::open(&participant, parameters, &clock)?;
-    wall_clock::run(&participant, node, &interface, N::tick(config), stop)
+    let time = match configuration.store.get(USE_SIM_TIME) {
+        Some(Value::Bool(true)) => Time::simulated(&participant, &ros.resolve(&name, "/clock", NameKind::Topic)?)?,
+        _ => Time::Wall,
+    };
+    let (accept, reconfigured) = reconfiguring(&configuration);
+    let _housekeeping = Housekeeping::open(&participant, configuration.store, &time.clock(), accept)?;
+    let tick = N::tick(&config);
+    wall_clock::run(&participant, node, &interface, &Pace { time, tick, stop }, &reconfigured)
 }
 
 /// Reads a configuration: the file's, or the built-in one.

@@ -7,11 +7,15 @@ pub mod action;
 pub mod args;
 pub mod cdr;
 pub mod clock;
+mod configuration;
 pub mod dds;
 pub mod digest;
+#[doc(hidden)]
+pub mod fuzzing;
 mod housekeeping;
 pub mod launch;
 pub mod lockstep;
+mod logging;
 pub mod node;
 pub mod parameters;
 mod program;
@@ -20,7 +24,8 @@ pub mod recording;
 pub mod rosout;
 pub mod service;
 pub mod testing;
+mod type_description;
 mod wall_clock;
 
-pub use housekeeping::start_logging;
+pub use logging::{LogSettings, start_logging};
 pub use program::{main, main_with};

@@ -9,10 +9,10 @@ use std::sync::atomic::AtomicBool;
 use clap::Parser;
 
 use crate::args::RosArgs;
-use crate::dds::Domain;
-use crate::housekeeping::start_logging;
+use crate::dds::{Domain, NodeName};
 use crate::launch::{Seat, read_config, run_in_loop, run_remapped};
 use crate::lockstep::{LoopContract, RunError};
+use crate::logging::{LogSettings, start_logging};
 use crate::node::{FeederNode, NodeError};
 
 /// Options of a node.
@@ -62,7 +62,6 @@ pub fn main_with<N: FeederNode>(arguments: Vec<OsString>) -> ExitCode {
             return if error.use_stderr() { ExitCode::FAILURE } else { ExitCode::SUCCESS };
         }
     };
-    start_logging(ros.log_level);
     match run::<N>(options, &ros) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -73,14 +72,22 @@ pub fn main_with<N: FeederNode>(arguments: Vec<OsString>) -> ExitCode {
 }
 
 fn run<N: FeederNode>(options: Options, ros: &RosArgs) -> Result<(), RunError> {
-    let config = read_config::<N>(options.config.as_deref()).map_err(RunError::Node)?;
-    let namespace = match options.namespace {
-        Some(namespace) => namespace,
-        None => N::namespaces(&config)
+    let namespace_of = |config: &N::Config| match &options.namespace {
+        Some(namespace) => Ok(namespace.clone()),
+        None => N::namespaces(config)
             .into_iter()
             .next()
-            .ok_or_else(|| RunError::Node(NodeError::new(format!("the scenario asks for no {}", N::NAME))))?,
+            .ok_or_else(|| NodeError::new(format!("the scenario asks for no {}", N::NAME))),
     };
+    // The node's log level may be given by its name, which the configuration says, which may be wrong.
+    let config = read_config::<N>(options.config.as_deref());
+    let named = config.and_then(|config| namespace_of(&config).map(|namespace| (config, namespace)));
+    let level = named.as_ref().ok().and_then(|(_, namespace)| {
+        let name = NodeName::new(namespace, N::NAME).and_then(|name| ros.node_name(&name)).ok()?;
+        ros.log_level_of(&name)
+    });
+    start_logging(LogSettings { level: level.or(ros.log_level), no_stdout: ros.no_stdout, no_rosout: ros.no_rosout });
+    let (config, namespace) = named.map_err(RunError::Node)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop))
@@ -90,6 +97,11 @@ fn run<N: FeederNode>(options: Options, ros: &RosArgs) -> Result<(), RunError> {
     let Some(contract) = options.contract else {
         return run_remapped::<N>(&domain, &namespace, ros, &config, &stop);
     };
+    if ros.changes_anything() {
+        let reason =
+            "in a run of feeder up names and parameters are the scenario's: no --remap, --param, --params-file";
+        return Err(RunError::Node(NodeError::new(reason)));
+    }
     let seat = Seat {
         contract: Arc::new(read_contract(&contract).map_err(RunError::Node)?),
         namespace,

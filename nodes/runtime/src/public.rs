@@ -4,11 +4,12 @@
 //! everybody else, and requests of clients outside the loop come in here. Nobody outside can hold the loop up: what an
 //! outsider is too slow for is dropped, counted and reported.
 
+use std::sync::Arc;
 use std::sync::mpsc::Sender;
 
 use bytes::Bytes;
 
-use crate::dds::{DdsError, Durability, Participant, PublishError, Qos, Server, Writer};
+use crate::dds::{Counter, DdsError, Durability, Participant, PublishError, Qos, Server, Writer};
 use crate::lockstep::Incoming;
 use crate::node::{Arrival, Asker, AskerInner, Interface, Port, PortKind};
 
@@ -21,7 +22,7 @@ pub(crate) struct PublicSide {
 struct PublicWriter {
     writer: Writer,
     qos: Qos,
-    lost: u64,
+    lost: Arc<Counter>,
 }
 
 impl PublicSide {
@@ -37,7 +38,8 @@ impl PublicSide {
             writers.push(match port.kind {
                 PortKind::Publish => {
                     let writer = participant.writer(&port.name, &port.dds_types[0], &port.qos)?;
-                    Some(PublicWriter { writer, qos: port.qos, lost: 0 })
+                    let lost = participant.counter(writer.topic(), "samples not sent, as a reader is too slow");
+                    Some(PublicWriter { writer, qos: port.qos, lost })
                 }
                 PortKind::Subscribe(_) | PortKind::Serve | PortKind::Call(_) => None,
             });
@@ -63,10 +65,10 @@ impl PublicSide {
         match public.writer.publish(payload) {
             Ok(()) => {}
             Err(PublishError::Full { .. }) => {
-                public.lost += 1;
+                let lost = public.lost.add(1);
                 // Said at 1, 2, 4, 8, … so that a dead reader does not fill the log.
-                if public.lost.is_power_of_two() {
-                    tracing::warn!("{}: a reader is too slow, {} messages dropped", public.writer.topic(), public.lost);
+                if lost.is_power_of_two() {
+                    tracing::warn!("{}: a reader is too slow, {lost} messages dropped", public.writer.topic());
                 }
             }
             Err(error) => tracing::warn!("{error}"),

@@ -1,17 +1,24 @@
-//! Runs one node against the wall clock: as on hardware, and with nodes of anybody's making.
+//! Runs one node against the wall clock: as on hardware, and with nodes of anybody's making. With `use_sim_time` it goes
+//! by `/clock` instead, outside any loop.
 //!
 //! The node does not notice: its steps come at the same tick length as in a simulated run, but what it hears, serves and
 //! calls goes over the public topics and services, as it comes, and stamps are wall time.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use bytes::Bytes;
+use minifactory_msgs::Message;
+use minifactory_msgs::rosgraph_msgs::msg::Clock as ClockMessage;
 
-use crate::dds::{Client, DdsError, Participant, Reader};
+use crate::clock::Clock;
+use crate::dds::{Client, DdsError, Participant, Qos, Reader};
 use crate::lockstep::{Incoming, RunError};
-use crate::node::{Arrival, AskerInner, CallId, FeederNode, Interface, Output, PortKind, StepIo};
+use crate::node::{
+    Arrival, AskerInner, CallId, FeederNode, Interface, Output, PortKind, StepIo, ns_of_stamp, stamp_of_ns,
+};
 use crate::public::PublicSide;
 
 /// How far steps may lag behind the wall clock before some are given up.
@@ -46,10 +53,10 @@ impl Schedule {
     fn due(&mut self, now_ns: u64) -> Due {
         let lag_max_ns = u64::try_from(LAG_MAX.as_nanos()).unwrap_or(u64::MAX);
         if now_ns > self.next_ns.saturating_add(lag_max_ns) {
-            tracing::warn!("{} ms behind the wall clock; going on from now", (now_ns - self.next_ns) / 1_000_000);
+            tracing::warn!("{} ms behind the clock; going on from now", (now_ns - self.next_ns) / 1_000_000);
             self.next_ns = now_ns;
         } else if self.next_ns > now_ns.saturating_add(self.tick_ns) {
-            tracing::warn!("the wall clock was set back by {} ms", (self.next_ns - now_ns) / 1_000_000);
+            tracing::warn!("the clock was set back by {} ms", (self.next_ns - now_ns) / 1_000_000);
             self.next_ns = now_ns;
         }
         if now_ns < self.next_ns {
@@ -59,6 +66,93 @@ impl Schedule {
         self.next_ns += self.tick_ns;
         Due::Now(stamp_ns)
     }
+}
+
+/// Where the time comes from.
+pub(crate) enum Time {
+    /// The wall clock, in ns since 1970.
+    Wall,
+    /// `/clock`, as somebody's simulation says it.
+    Simulated { said: Arc<SaidTime>, _reader: Reader },
+}
+
+/// The time last said on `/clock`, ns; 0 before the first.
+#[derive(Default)]
+pub(crate) struct SaidTime {
+    now_ns: Mutex<u64>,
+    moved: Condvar,
+}
+
+impl Time {
+    /// Hears `topic`, which is `/clock` unless remapped.
+    pub(crate) fn simulated(participant: &Participant, topic: &str) -> Result<Self, DdsError> {
+        let said = Arc::new(SaidTime::default());
+        // As ROS 2 nodes hear it: the newest counts, and a lost one does not matter.
+        let reader = participant.reader(topic, &ClockMessage::INFO.dds_type(), &Qos::sensor(), {
+            let said = Arc::clone(&said);
+            move |sample| match sample.decode::<ClockMessage>() {
+                Ok(message) => said.say(ns_of_stamp(&message.clock)),
+                Err(error) => tracing::warn!("dropped a malformed clock: {error}"),
+            }
+        })?;
+        Ok(Self::Simulated { said, _reader: reader })
+    }
+
+    /// For stamps of what the node does not publish itself.
+    pub(crate) fn clock(&self) -> Clock {
+        match self {
+            Self::Wall => Arc::new(crate::clock::wall_clock),
+            Self::Simulated { said, .. } => {
+                let said = Arc::clone(said);
+                Arc::new(move || stamp_of_ns(said.now_ns().unwrap_or(0)))
+            }
+        }
+    }
+
+    /// The present, once it is known.
+    fn now_ns(&self) -> Option<u64> {
+        match self {
+            Self::Wall => Some(wall_ns()),
+            Self::Simulated { said, .. } => said.now_ns(),
+        }
+    }
+
+    /// Waits until `wait_ns` may have passed; never long.
+    fn wait(&self, since_ns: Option<u64>, wait_ns: u64) {
+        match self {
+            Self::Wall => std::thread::sleep(Duration::from_nanos(wait_ns).min(STOP_POLL)),
+            Self::Simulated { said, .. } => said.wait(since_ns),
+        }
+    }
+}
+
+impl SaidTime {
+    fn lock(&self) -> MutexGuard<'_, u64> {
+        self.now_ns.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn say(&self, now_ns: u64) {
+        *self.lock() = now_ns;
+        self.moved.notify_all();
+    }
+
+    fn now_ns(&self) -> Option<u64> {
+        Some(*self.lock()).filter(|now_ns| *now_ns > 0)
+    }
+
+    /// Waits until another time is said than `since_ns`; never long.
+    fn wait(&self, since_ns: Option<u64>) {
+        let same = |now_ns: &mut u64| *now_ns == since_ns.unwrap_or(0);
+        // A lock that somebody has panicked with still tells the time.
+        drop(self.moved.wait_timeout_while(self.lock(), STOP_POLL, same));
+    }
+}
+
+/// When a node steps, and until when.
+pub(crate) struct Pace<'a> {
+    pub(crate) time: Time,
+    pub(crate) tick: Duration,
+    pub(crate) stop: &'a AtomicBool,
 }
 
 /// A node and its ends of topics and services.
@@ -74,21 +168,29 @@ struct WallRunner<N> {
     _readers: Vec<Reader>,
 }
 
-/// Steps `node` every `tick` until `stop` is set.
+/// Steps `node` every tick until it is to stop; configurations that come are taken over between two steps.
 pub(crate) fn run<N: FeederNode>(
     participant: &Participant,
     node: N,
     interface: &Interface,
-    tick: Duration,
-    stop: &AtomicBool,
+    pace: &Pace,
+    reconfigured: &Receiver<N::Config>,
 ) -> Result<(), RunError> {
-    let tick_ns = u64::try_from(tick.as_nanos()).unwrap_or(u64::MAX);
+    let tick_ns = u64::try_from(pace.tick.as_nanos()).unwrap_or(u64::MAX);
     let mut runner = WallRunner::open(participant, node, interface, tick_ns)?;
-    let mut schedule = Schedule::new(tick_ns, wall_ns());
-    while !stop.load(Ordering::Relaxed) {
-        match schedule.due(wall_ns()) {
-            Due::Now(now_ns) => runner.step(now_ns)?,
-            Due::InNs(wait_ns) => std::thread::sleep(Duration::from_nanos(wait_ns).min(STOP_POLL)),
+    let mut schedule = None;
+    while !pace.stop.load(Ordering::Relaxed) {
+        let now_ns = pace.time.now_ns();
+        let due = now_ns.map(|now_ns| schedule.get_or_insert_with(|| Schedule::new(tick_ns, now_ns)).due(now_ns));
+        match due {
+            Some(Due::Now(now_ns)) => {
+                for config in reconfigured.try_iter() {
+                    runner.node.reconfigure(&config);
+                }
+                runner.step(now_ns)?;
+            }
+            Some(Due::InNs(wait_ns)) => pace.time.wait(now_ns, wait_ns),
+            None => pace.time.wait(now_ns, u64::MAX),
         }
     }
     Ok(())
@@ -123,7 +225,9 @@ impl<N: FeederNode> WallRunner<N> {
             }
         }
         let public = PublicSide::open(participant, interface, &sender)?;
-        let io = StepIo::new(interface.ports.len(), tick_ns);
+        let undecodable = participant.counter("messages", "samples that are not of their type");
+        let mut io = StepIo::new(interface.ports.len(), tick_ns).counted_by(undecodable);
+        io.set_simulated(false);
         Ok(Self { node, io, public, clients, sender, inbox, tick: 0, _readers: readers })
     }
 

@@ -15,7 +15,10 @@ use feeder_core::camera::{CameraModel, MountedTray, codec};
 use feeder_core::scenario::Scenario;
 use feeder_core::selection::{ImageFault, Selector, TrackedCandidate, draw_overlay};
 use feeder_runtime::dds::Qos;
-use feeder_runtime::node::{Declare, FeederNode, Latency, NodeError, Publisher, StepIo, Subscriber, ns_of_stamp};
+use feeder_runtime::node::{
+    Declare, FeederNode, Latency, NodeError, Publisher, Settable, StepIo, Subscriber, ns_of_stamp,
+};
+use feeder_runtime::parameters::Range;
 use image::GrayImage;
 use minifactory_msgs::convert::{planar_isometry, planar_pose};
 use minifactory_msgs::geometry_msgs::msg::Vector3;
@@ -91,6 +94,29 @@ impl FeederNode for VisionSelector {
         let (camera, tray) = (config.camera.model.clone(), config.tray);
         let selector = config.taught_selector().map_err(NodeError::new)?;
         Ok(Self { ports, selector, camera, tray, names, poses: VecDeque::new(), fault: None })
+    }
+
+    fn settable() -> &'static [Settable] {
+        &[
+            Settable {
+                name: "selector.confidence_min",
+                description: "Confidence over frames from which a part may be selected; set it where light and parts are",
+                range: Some(Range::Double { from: 0.0, to: 1.0, step: 0.0 }),
+            },
+            Settable {
+                name: "selector.part_clearance_m",
+                description: "Free gap the gripper needs round a part, in metres; another gripper needs another",
+                range: Some(Range::Double { from: 0.0, to: 0.1, step: 0.0 }),
+            },
+        ]
+    }
+
+    /// Tracks begin anew: what was seen was judged by the old thresholds.
+    fn reconfigure(&mut self, config: &Scenario) {
+        match config.taught_selector() {
+            Ok(selector) => self.selector = selector,
+            Err(error) => tracing::error!("the selector stays as it is: {error}"),
+        }
     }
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {

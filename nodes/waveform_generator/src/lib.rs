@@ -9,15 +9,19 @@ use feeder_core::courier;
 use feeder_core::scenario::Scenario;
 use feeder_core::waveform::Waveform;
 use feeder_runtime::dds::Qos;
-use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, Server, StepIo};
+use feeder_runtime::node::{Declare, FeederNode, Latency, NodeError, Publisher, Server, StepIo, Subscriber};
 use minifactory_msgs::msg;
 use minifactory_msgs::srv::{SetWaveform, SetWaveformResponse};
 use minifactory_msgs::std_srvs::srv::{SetBool, SetBoolResponse};
+
+/// Between two publications of a waveform that runs, or that the courier has not acknowledged, ns.
+const REPEAT_PERIOD_NS: u64 = 500_000_000;
 
 /// Handles of the generator's ports.
 #[derive(Debug)]
 pub struct Ports {
     waveform: Publisher<msg::Waveform>,
+    courier_state: Subscriber<msg::CourierState>,
     set_feeding: Server<SetBool>,
     set_waveform: Server<SetWaveform>,
 }
@@ -32,6 +36,12 @@ pub struct WaveformGenerator {
     waveform: Waveform,
     enabled: bool,
     sequence: u32,
+    /// The sequence that the courier has heard last.
+    acknowledged: u32,
+    /// The sequence of which it was said last that nobody acknowledges it.
+    unheard_sequence: u32,
+    /// When the waveform was last published.
+    said_ns: u64,
     changed: bool,
 }
 
@@ -51,6 +61,7 @@ impl FeederNode for WaveformGenerator {
     fn declare(io: &mut Declare, _: &Scenario) -> Ports {
         Ports {
             waveform: io.publisher("waveform", Qos::latched()),
+            courier_state: io.subscriber("courier_state", Latency::Feedback, Qos::command()),
             set_feeding: io.server("set_feeding"),
             set_waveform: io.server("set_waveform"),
         }
@@ -61,12 +72,24 @@ impl FeederNode for WaveformGenerator {
         let mut judge = courier::CourierDriver::simulated(config.courier, 0).map_err(NodeError::new)?;
         judge.set_waveform(&waveform, false).map_err(NodeError::new)?;
         let name = config.waveform.name().to_owned();
-        Ok(Self { ports, judge, name, waveform, enabled: false, sequence: 0, changed: true })
+        Ok(Self {
+            ports,
+            judge,
+            name,
+            waveform,
+            enabled: false,
+            sequence: 0,
+            acknowledged: 0,
+            unheard_sequence: 0,
+            said_ns: 0,
+            changed: true,
+        })
     }
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         for (asker, request) in io.requests(&self.ports.set_feeding) {
-            self.changed |= self.enabled != request.data;
+            // Said anew even when nothing changes: the courier may have been stopped by somebody else.
+            self.changed = true;
             self.enabled = request.data;
             let message = if request.data { "feeding" } else { "not feeding" }.to_owned();
             io.reply(&self.ports.set_feeding, asker, &SetBoolResponse { success: true, message });
@@ -78,8 +101,20 @@ impl FeederNode for WaveformGenerator {
             };
             io.reply(&self.ports.set_waveform, asker, &response);
         }
-        if std::mem::take(&mut self.changed) {
-            self.sequence += 1;
+        let changed = std::mem::take(&mut self.changed);
+        self.sequence += u32::from(changed);
+        for state in io.take(&self.ports.courier_state) {
+            self.acknowledged = state.waveform_sequence;
+        }
+        // Said again as a sign of life while the courier vibrates, and until the courier has heard it.
+        let unheard = self.acknowledged != self.sequence;
+        let due = io.now_ns().saturating_sub(self.said_ns) >= REPEAT_PERIOD_NS;
+        if changed || ((self.enabled || unheard) && due) {
+            if !changed && unheard && self.unheard_sequence != self.sequence {
+                self.unheard_sequence = self.sequence;
+                tracing::warn!("no courier has acknowledged waveform {}: it is sent again", self.sequence);
+            }
+            self.said_ns = io.now_ns();
             let message = msg::Waveform {
                 header: io.header(""),
                 sequence: self.sequence,

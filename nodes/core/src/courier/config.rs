@@ -7,6 +7,7 @@ use super::control::ControlParameters;
 use super::learning::LearningParameters;
 use super::limits::{CourierLimits, Load, check_range};
 use super::plant::PlantParameters;
+use super::safety::SafetyParameters;
 use super::vibrator::Vibrator;
 use crate::range::OutOfRange;
 
@@ -20,7 +21,8 @@ pub struct CourierConfig {
     pub control: ControlParameters,
     /// The learning of waveforms.
     pub learning: LearningParameters,
-    /// The simulated motor.
+    /// The simulated motor: its values, `ideal` or `assumed`.
+    #[serde(deserialize_with = "PlantParameters::named_or_given")]
     pub plant: PlantParameters,
     /// What the tray carries.
     pub load: Load,
@@ -36,10 +38,10 @@ pub struct CourierConfig {
     pub goal_tolerance_rad: f64,
     /// Time after a trajectory's end within which its goal must be reached, s.
     pub goal_time_tolerance_s: f64,
-    /// Distance from the set point beyond which the driver faults, m.
-    pub tracking_error_m_max: f64,
-    /// Yaw from the set point beyond which the driver faults, rad.
-    pub tracking_error_rad_max: f64,
+    /// What the driver takes for out of control.
+    pub safety: SafetyParameters,
+    /// Largest acceleration of translation on the way home, m/s²; of rotation it is ten times the number, in rad/s².
+    pub home_acceleration_m_s2: f64,
 }
 
 impl Default for CourierConfig {
@@ -56,8 +58,8 @@ impl Default for CourierConfig {
             goal_tolerance_m: 20e-6,
             goal_tolerance_rad: 1e-3,
             goal_time_tolerance_s: 0.5,
-            tracking_error_m_max: 2e-3,
-            tracking_error_rad_max: 10e-3,
+            safety: SafetyParameters::default(),
+            home_acceleration_m_s2: 1.0,
         }
     }
 }
@@ -70,10 +72,10 @@ impl CourierConfig {
     pub fn validate(&self) -> Result<(), OutOfRange> {
         self.limits.validate()?;
         self.control.validate()?;
-        self.learning.validate()?;
         self.plant.validate()?;
         self.load.validate()?;
         check_range("servo_period_s", self.servo_period_s, 1e-4, 5e-3)?;
+        self.learning.validate(self.servo_period_s)?;
         let (min, max) = (self.limits.position_min(), self.limits.position_max());
         for (axis, name) in ["start x", "start y", "start yaw"].into_iter().enumerate() {
             check_range(name, self.start[axis], min[axis], max[axis])?;
@@ -82,7 +84,7 @@ impl CourierConfig {
         check_range("goal_tolerance_m", self.goal_tolerance_m, 1e-7, 0.01)?;
         check_range("goal_tolerance_rad", self.goal_tolerance_rad, 1e-6, 0.01)?;
         check_range("goal_time_tolerance_s", self.goal_time_tolerance_s, 0.0, 60.0)?;
-        check_range("tracking_error_m_max", self.tracking_error_m_max, 1e-5, 0.1)?;
-        check_range("tracking_error_rad_max", self.tracking_error_rad_max, 1e-5, 0.1)
+        self.safety.validate()?;
+        check_range("home_acceleration_m_s2", self.home_acceleration_m_s2, 0.01, 20.0)
     }
 }

@@ -1,18 +1,21 @@
 //! The driver itself: accepts commands, makes set points of them, closes the servo loop and reports the tray's motion.
 
+mod servo;
+
 use nalgebra::Vector3;
 
 use super::config::CourierConfig;
-use super::control::{Controller, SetPoint};
+use super::control::Controller;
 use super::learning::Learner;
-use super::limits::{Extent, Load};
+use super::limits::{CourierLimits, Extent, Load};
 use super::path::{Check, Path};
-use super::plant::{Plant, SimulatedPlant, Wrench};
+use super::plant::{Plant, SimulatedPlant};
 use super::rejection::Rejection;
-use super::report::{DriverEvent, DriverStatus, Fault, GoalHandle, GoalOutcome, StepOutput};
-use super::trajectory::{Spline, State, Trajectory};
+use super::report::{Commander, DriverEvent, Fault, GoalHandle, GoalOutcome};
+use super::safety::Supervisor;
+use super::tolerance::{Allowed, Tolerances};
+use super::trajectory::{Spline, State, Trajectory, TrajectoryPoint};
 use super::vibrator::Vibrator;
-use crate::motion::{MotionBlock, MotionSample};
 use crate::range::OutOfRange;
 use crate::waveform::Waveform;
 
@@ -21,6 +24,7 @@ use crate::waveform::Waveform;
 struct Goal {
     handle: GoalHandle,
     client: u64,
+    tolerances: Allowed,
     /// Tick by which the goal must be reached, once its path has ended.
     deadline_tick: Option<u64>,
 }
@@ -32,7 +36,11 @@ pub struct CourierDriver<P = SimulatedPlant> {
     plant: P,
     controller: Controller,
     learner: Learner,
+    supervisor: Supervisor,
+    active: bool,
     tick: u64,
+    /// What the sensor said at the last tick; nothing if it gave no number.
+    measured: Option<Vector3<f64>>,
     /// Where the courier rests when no path is followed.
     hold: Vector3<f64>,
     path: Option<Path>,
@@ -42,7 +50,10 @@ pub struct CourierDriver<P = SimulatedPlant> {
     nominal_acceleration: Vector3<f64>,
     goal: Option<Goal>,
     goals: u64,
+    /// Latched until reset.
     fault: Option<Fault>,
+    /// Latched when the courier has come to rest.
+    coming_fault: Option<Fault>,
     events: Vec<DriverEvent>,
 }
 
@@ -72,9 +83,12 @@ impl<P: Plant> CourierDriver<P> {
         Ok(Self {
             controller: Controller::new(&control, mass, period_s)?,
             learner: Learner::new(learning, control, mass, period_s)?,
+            supervisor: Supervisor::new(config.safety, config.limits, period_s),
+            active: true,
             config,
             plant,
             tick: 0,
+            measured: Some(config.start),
             hold: config.start,
             path: None,
             vibrator: Vibrator::new(period_s, cutoff_hz),
@@ -83,6 +97,7 @@ impl<P: Plant> CourierDriver<P> {
             goal: None,
             goals: 0,
             fault: None,
+            coming_fault: None,
             events: Vec::new(),
         })
     }
@@ -90,6 +105,25 @@ impl<P: Plant> CourierDriver<P> {
     /// The plant, to set its load or to inject faults.
     pub fn plant_mut(&mut self) -> &mut P {
         &mut self.plant
+    }
+
+    /// What the driver was set up with, and the load it now reckons with.
+    pub fn config(&self) -> &CourierConfig {
+        &self.config
+    }
+
+    /// Lets the courier move, or halts it and refuses commands from now on. It is active from the start.
+    pub fn set_active(&mut self, active: bool) {
+        if !active {
+            self.halt();
+        }
+        self.active = active;
+    }
+
+    /// Notes that a commander is there. One that has been heard and then falls silent while the courier moves at its
+    /// wish brings it to rest and the driver into fault.
+    pub fn hear(&mut self, commander: Commander) {
+        self.supervisor.hear(commander);
     }
 
     /// Takes another load into account.
@@ -123,11 +157,11 @@ impl<P: Plant> CourierDriver<P> {
     /// before anything else begins. The same waveform again changes nothing but `enabled`.
     ///
     /// # Errors
-    /// A fault, a waveform with a period out of range, or one that leaves the envelope, now or on the path being
-    /// followed, even when faded in slowly.
+    /// A fault, an inactive driver, a waveform with a period out of range, or one that leaves the envelope, now or on the
+    /// path being followed, even when faded in slowly.
     pub fn set_waveform(&mut self, waveform: &Waveform, enabled: bool) -> Result<(), Rejection> {
-        if let Some(fault) = self.fault.clone().filter(|_| enabled) {
-            return Err(fault.into());
+        if enabled {
+            self.check_ready()?;
         }
         let check = |vibration: Extent| {
             let check = Check { limits: &self.config.limits, vibration, load: &self.config.load };
@@ -144,19 +178,31 @@ impl<P: Plant> CourierDriver<P> {
         Ok(())
     }
 
+    /// Begins a trajectory within the default tolerances; see [`Self::execute_within`].
+    ///
+    /// # Errors
+    /// As [`Self::execute_within`].
+    pub fn execute(&mut self, client: u64, trajectory: &Trajectory) -> Result<GoalHandle, Rejection> {
+        self.execute_within(client, trajectory, &Tolerances::default())
+    }
+
     /// Begins a trajectory at the present tick in place of the one of the same client, if there is one.
     ///
     /// # Errors
-    /// A fault, another client's goal, a malformed trajectory, a start that is not where the courier is, or a motion
-    /// that would leave the envelope at some servo tick, vibration included.
-    pub fn execute(&mut self, client: u64, trajectory: &Trajectory) -> Result<GoalHandle, Rejection> {
-        if let Some(fault) = self.fault.clone() {
-            return Err(fault.into());
-        }
+    /// A fault, an inactive driver, another client's goal, a malformed trajectory or tolerance, a start that is not where
+    /// the courier is, or a motion that would leave the envelope at some servo tick, vibration included.
+    pub fn execute_within(
+        &mut self,
+        client: u64,
+        trajectory: &Trajectory,
+        tolerances: &Tolerances,
+    ) -> Result<GoalHandle, Rejection> {
+        self.check_ready()?;
         if let Some(holder) = self.goal.map(|goal| goal.client).filter(|&holder| holder != client) {
             return Err(Rejection::Busy { holder });
         }
         trajectory.validate()?;
+        let tolerances = tolerances.resolve(&self.config)?;
         let present = self.nominal();
         check_start(trajectory, &present)?;
         let path = Path::new(Spline::new(trajectory, &present), self.tick, self.config.servo_period_s);
@@ -166,8 +212,27 @@ impl<P: Plant> CourierDriver<P> {
         self.path = Some(path);
         self.goals += 1;
         let handle = GoalHandle(self.goals);
-        self.goal = Some(Goal { handle, client, deadline_tick: None });
+        self.goal = Some(Goal { handle, client, tolerances, deadline_tick: None });
         Ok(handle)
+    }
+
+    /// Sends the courier to where it began, gently and straight.
+    ///
+    /// # Errors
+    /// As [`Self::execute`].
+    pub fn home(&mut self, client: u64) -> Result<GoalHandle, Rejection> {
+        /// Peaks of speed and acceleration of a quintic from rest to rest over distance/time and distance/time².
+        const SPEED_PEAK: f64 = 1.875;
+        const ACCELERATION_PEAK: f64 = 5.774;
+        let CourierConfig { limits, home_acceleration_m_s2, start, .. } = self.config;
+        let way = start - self.nominal().position;
+        let (m, rad) = (way.xy().norm(), way.z.abs());
+        // Half of the speed allowed leaves room for the vibration.
+        let duration_s = (SPEED_PEAK * m / (0.5 * limits.speed_m_s_max))
+            .max((ACCELERATION_PEAK * m / home_acceleration_m_s2).sqrt())
+            .max((ACCELERATION_PEAK * rad / (10.0 * home_acceleration_m_s2)).sqrt())
+            .max(0.1);
+        self.execute(client, &Trajectory { points: vec![TrajectoryPoint::at_rest(duration_s, start)] })
     }
 
     /// Ends a goal before its end: the courier comes to rest on its path. Says whether the goal was being executed.
@@ -188,124 +253,48 @@ impl<P: Plant> CourierDriver<P> {
         self.end_goal(GoalOutcome::Halted);
     }
 
+    /// Gives up everything and brakes with what the envelope allows; a fault until reset.
+    pub fn emergency_stop(&mut self) {
+        if self.fault.is_none() {
+            self.enter_fault(Fault::EmergencyStop);
+        }
+    }
+
     /// Clears the latched fault; the courier, at standstill (1 mm/s, 1 mrad/s), holds where it is.
     ///
     /// # Errors
     /// The fault, when the sensor gives no position or the courier still moves.
     pub fn reset_fault(&mut self) -> Result<(), Fault> {
         const STANDSTILL: f64 = 1e-3;
+        if let Some(fault) = self.coming_fault.clone() {
+            return Err(fault);
+        }
         if let Some(fault) = self.fault.clone() {
             let measured = self.plant.measure();
             if !measured.iter().all(|value| value.is_finite()) {
                 return Err(Fault::SensorLost);
             }
-            if self.plant.motion().1.norm() > STANDSTILL {
+            if self.path.is_some() || self.plant.motion().1.norm() > STANDSTILL {
                 return Err(fault);
             }
             self.fault = None;
-            self.hold_at(measured);
+            self.supervisor.reset();
+            self.plant.set_air(true);
+            self.place(State { position: measured, ..State::default() });
         }
         Ok(())
     }
 
-    /// Runs `ticks` servo ticks.
-    pub fn step(&mut self, ticks: usize) -> StepOutput {
-        let mut samples = Vec::with_capacity(ticks);
-        let (mut peak, mut square) = (Vector3::zeros(), Vector3::zeros());
-        let mut saturated_ticks = 0;
-        for _ in 0..ticks {
-            let position = self.plant.motion().0;
-            let error = self.present.position - position;
-            peak = error.abs().sup(&peak);
-            square += error.component_mul(&error);
-            let (sample, saturated) = self.servo_tick();
-            samples.push(sample);
-            saturated_ticks += usize::from(saturated);
+    /// Whether a command that moves the courier may be taken.
+    fn check_ready(&self) -> Result<(), Rejection> {
+        if let Some(fault) = self.fault.clone().or_else(|| self.coming_fault.clone()) {
+            return Err(fault.into());
         }
-        let (position, velocity) = self.plant.motion();
-        let status = DriverStatus {
-            time_s: self.tick as f64 * self.config.servo_period_s,
-            position,
-            velocity,
-            nominal_position: self.nominal().position,
-            vibration: self.vibrator.phase(self.tick),
-            moving: self.path.is_some(),
-            goal: self.goal.map(|goal| goal.handle),
-            tracking_error_peak: peak,
-            tracking_error_rms: (square / ticks.max(1) as f64).map(f64::sqrt),
-            saturated_ticks,
-            fault: self.fault.clone(),
-        };
-        let block = MotionBlock { sample_period_s: self.config.servo_period_s, samples };
-        StepOutput { block, status, events: std::mem::take(&mut self.events) }
-    }
-
-    fn servo_tick(&mut self) -> (MotionSample, bool) {
-        let period_s = self.config.servo_period_s;
-        let measured = self.plant.measure();
-        let fault = self.tracking_fault(&measured);
-        if let Some(fault) = fault.filter(|_| self.fault.is_none()) {
-            self.enter_fault(fault, &measured);
-        }
-        self.finish(&measured);
-
-        let next = self.set_point(self.tick + 1);
-        let acceleration = (next.velocity - self.present.velocity) / period_s;
-        let set_point = SetPoint { position: self.present.position, velocity: self.present.velocity, acceleration };
-        let wanted = if self.fault == Some(Fault::SensorLost) {
-            Wrench::zeros()
-        } else {
-            let error = set_point.position - measured;
-            let learned = self.learner.force(self.vibrator.instant(self.tick), &error, self.path.is_some());
-            self.controller.command(&set_point, &measured) + learned
-        };
-        let wrench_max = self.config.limits.wrench_max();
-        let command = wanted.sup(&-wrench_max).inf(&wrench_max);
-
-        let (position, velocity) = self.plant.motion();
-        self.plant.step(command, period_s);
-        let acceleration = (self.plant.motion().1 - velocity) / period_s;
-        self.tick += 1;
-        self.present = next;
-        (MotionSample { position, velocity, acceleration }, command != wanted)
-    }
-
-    /// Set point at the tick that follows, which becomes the present one.
-    fn set_point(&mut self, tick: u64) -> State {
-        let nominal_velocity = self.nominal().velocity;
-        let nominal = match &self.path {
-            Some(path) => path.at(tick),
-            None => State { position: self.hold, ..State::default() },
-        };
-        self.nominal_acceleration = (nominal.velocity - nominal_velocity) / self.config.servo_period_s;
-        let (position, velocity) = self.vibrator.at(tick);
-        nominal + State { position, velocity, ..State::default() }
+        if self.active { Ok(()) } else { Err(Rejection::Inactive) }
     }
 
     fn nominal(&self) -> State {
         self.path.as_ref().map_or(State { position: self.hold, ..State::default() }, |path| path.at(self.tick))
-    }
-
-    /// Ends what ends at this tick: the vibration, the path, and with it the goal.
-    fn finish(&mut self, measured: &Vector3<f64>) {
-        self.vibrator.advance(self.tick);
-        if let Some(path) = self.path.take_if(|path| path.ended(self.tick)) {
-            self.hold = path.at(self.tick).position;
-        }
-        let Some(goal) = self.goal.as_mut().filter(|_| self.path.is_none()) else {
-            return;
-        };
-        let grace_ticks = (self.config.goal_time_tolerance_s / self.config.servo_period_s).ceil();
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "validated to 0..=600,000 ticks")]
-        let deadline_tick = *goal.deadline_tick.get_or_insert(self.tick + grace_ticks as u64);
-        let error = self.present.position - measured;
-        let reached =
-            error.xy().norm() <= self.config.goal_tolerance_m && error.z.abs() <= self.config.goal_tolerance_rad;
-        if reached {
-            self.end_goal(GoalOutcome::Succeeded);
-        } else if self.tick >= deadline_tick {
-            self.end_goal(GoalOutcome::ToleranceViolated { error });
-        }
     }
 
     fn check(&self) -> Check<'_> {
@@ -326,35 +315,44 @@ impl<P: Plant> CourierDriver<P> {
         }
     }
 
-    fn hold_at(&mut self, position: Vector3<f64>) {
-        self.hold = position;
-        self.path = None;
-        self.present = State { position, ..State::default() };
-        self.controller.reset();
-    }
-
-    fn tracking_fault(&self, measured: &Vector3<f64>) -> Option<Fault> {
-        let error = self.present.position - measured;
-        if !error.iter().all(|value| value.is_finite()) {
-            return Some(Fault::SensorLost);
+    /// Puts the set point to where the courier is, and brakes it from there.
+    fn place(&mut self, present: State) {
+        let CourierLimits { torque_n_m_max, .. } = self.config.limits;
+        let load = &self.config.load;
+        let (m_s, rad_s) = (present.velocity.xy().norm(), present.velocity.z.abs());
+        let brake_m_s2 = self.config.limits.translation_acceleration_m_s2_max(load);
+        let brake_rad_s2 = 0.5 * torque_n_m_max / self.config.limits.moved(load).z;
+        // The quintic that loses a speed v over a time T covers v T/2 and brakes with less than 2 v/T.
+        let duration_s = (2.0 * m_s / brake_m_s2).max(2.0 * rad_s / brake_rad_s2);
+        self.hold = present.position;
+        self.path = (duration_s > self.config.servo_period_s).then(|| {
+            let rest = present.position + present.velocity * (0.5 * duration_s);
+            let stop = Trajectory { points: vec![TrajectoryPoint::at_rest(duration_s, rest)] };
+            Path::new(Spline::new(&stop, &present), self.tick, self.config.servo_period_s)
+        });
+        self.present = present;
+        self.nominal_acceleration = Vector3::zeros();
+        if self.measured.is_some() {
+            self.controller.reset();
         }
-        let (m, rad) = (self.config.tracking_error_m_max, self.config.tracking_error_rad_max);
-        [m, m, rad].into_iter().enumerate().find_map(|(axis, allowed)| {
-            let error = error[axis];
-            (error.abs() > allowed).then_some(Fault::TrackingError { axis, error, allowed })
-        })
     }
 
-    /// Gives up the set point that is not followed and brakes with all force about where the courier is.
-    fn enter_fault(&mut self, fault: Fault, measured: &Vector3<f64>) {
+    /// Gives up the set point that is not followed, and brakes from where the courier is.
+    fn enter_fault(&mut self, fault: Fault) {
         self.vibrator.abort();
-        if fault != Fault::SensorLost {
-            self.hold_at(*measured);
-        } else {
-            self.hold_at(self.present.position);
-        }
+        // Without a sensor there is nothing better than what was wanted.
+        let (position, velocity) = match self.measured {
+            Some(measured) => (measured, self.plant.motion().1),
+            None => (self.present.position, self.present.velocity),
+        };
+        self.place(State { position, velocity, ..State::default() });
         self.end_goal(GoalOutcome::Faulted(fault.clone()));
+        self.latch(fault);
+    }
+
+    fn latch(&mut self, fault: Fault) {
         self.events.push(DriverEvent::Fault(fault.clone()));
+        self.coming_fault = None;
         self.fault = Some(fault);
     }
 }

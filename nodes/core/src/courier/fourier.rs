@@ -57,6 +57,11 @@ impl Fourier {
         self.position.len()
     }
 
+    /// The coefficients P_k, k = 1…n.
+    pub(crate) fn position(&self) -> &[Complex<f64>] {
+        &self.position
+    }
+
     /// Position and velocity at `time_s` after the start of a period.
     pub(crate) fn at(&self, time_s: f64) -> (f64, f64) {
         let (mut position, mut velocity, mut omega_rad_s) = (0.0, 0.0, 0.0);

@@ -4,12 +4,21 @@
 //! back. They repeat every period, so they can be learned. The error is projected onto the waveform's harmonics; each
 //! harmonic's force is corrected through the nominal loop, U_k += γ_j E_k / P_k. The gain γ_j is constant at first and
 //! then falls as 1/j, so that the sensor's noise is averaged and not learned.
+//!
+//! What feeds is the velocity at the ticks, and what is measured is the position. Near the Nyquist frequency the one
+//! follows from the other only with the motion between the ticks, which depends on where in a tick the force arrives:
+//! the loop's delay is estimated along with the learning ([`DelayEstimate`]).
 
-use nalgebra::{Complex, Vector3};
+mod delay;
+mod lesson;
+
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use self::delay::DelayEstimate;
+use self::lesson::Lesson;
 use super::control::ControlParameters;
-use super::fourier::basis;
+use super::fourier::Fourier;
 use super::limits::check_range;
 use super::plant::Wrench;
 use super::response::NominalLoop;
@@ -22,8 +31,11 @@ use crate::waveform::Waveform;
 pub struct LearningParameters {
     /// Whether to learn at all. If so, the set point of a vibration is its waveform up to the cut-off.
     pub enabled: bool,
-    /// Highest frequency of the set point and of what is learned, Hz.
+    /// Highest frequency of the set point and of what is learned, Hz; below half the servo rate.
     pub cutoff_hz: f64,
+    /// Highest frequency learned on the two axes that do not vibrate, Hz: what couples into them is weak, and above it
+    /// less than the sensor's noise.
+    pub lateral_cutoff_hz: f64,
     /// Share of the error that the first updates remove.
     pub gain: f64,
     /// Number of updates before the gain falls.
@@ -32,7 +44,7 @@ pub struct LearningParameters {
     pub decay: f64,
     /// The gain's floor, which keeps following slow changes.
     pub gain_min: f64,
-    /// The plant's delay as far as known, s.
+    /// The delay of the loop as far as known, s; what it really is, is estimated.
     pub nominal_delay_s: f64,
     /// The plant's lag as far as known, s.
     pub nominal_lag_s: f64,
@@ -42,11 +54,12 @@ impl Default for LearningParameters {
     fn default() -> Self {
         Self {
             enabled: false,
-            cutoff_hz: 840.0,
+            cutoff_hz: 930.0,
+            lateral_cutoff_hz: 200.0,
             gain: 0.5,
-            constant_updates: 10,
+            constant_updates: 8,
             decay: 0.5,
-            gain_min: 0.015,
+            gain_min: 0.01,
             nominal_delay_s: 0.5e-3,
             nominal_lag_s: 0.5e-3,
         }
@@ -54,17 +67,26 @@ impl Default for LearningParameters {
 }
 
 impl LearningParameters {
-    /// Checks every value.
+    /// Checks every value; `servo_period_s` bounds the cut-off.
     ///
     /// # Errors
     /// The first parameter that is not finite or out of range.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
-        check_range("learning.cutoff_hz", self.cutoff_hz, 10.0, 2000.0)?;
+    pub fn validate(&self, servo_period_s: f64) -> Result<(), OutOfRange> {
+        // Closer to half the servo rate, force and position of the ticks say too little of each other.
+        let cutoff_hz_max = if self.enabled { 0.475 / servo_period_s } else { f64::MAX };
+        check_range("learning.cutoff_hz", self.cutoff_hz, 10.0, cutoff_hz_max)?;
+        check_range("learning.lateral_cutoff_hz", self.lateral_cutoff_hz, 0.0, cutoff_hz_max)?;
         check_range("learning.gain", self.gain, 0.0, 1.0)?;
         check_range("learning.decay", self.decay, 0.0, 10.0)?;
         check_range("learning.gain_min", self.gain_min, 0.0, 1.0)?;
         check_range("learning.nominal_delay_s", self.nominal_delay_s, 0.0, 0.02)?;
         check_range("learning.nominal_lag_s", self.nominal_lag_s, 0.0, 0.02)
+    }
+
+    /// The gain of an update, counted from 0.
+    fn gain(&self, update: u32) -> f64 {
+        let late = f64::from(update.saturating_sub(self.constant_updates));
+        (self.gain / (1.0 + self.decay * late)).max(self.gain_min)
     }
 }
 
@@ -72,32 +94,15 @@ impl LearningParameters {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Instant<'a> {
     pub(crate) waveform: &'a Waveform,
-    pub(crate) fundamental_rad_s: f64,
-    pub(crate) harmonics: usize,
+    pub(crate) fourier: &'a Fourier,
+    /// Index of the axis that vibrates.
+    pub(crate) axis: usize,
     /// Tick at which it began, which names this run of it.
     pub(crate) start_tick: u64,
     pub(crate) elapsed_s: f64,
     /// The envelope, 1 when steady.
     pub(crate) scale: f64,
     pub(crate) steady: bool,
-}
-
-type Harmonic = Vector3<Complex<f64>>;
-
-/// What was learned of one waveform.
-#[derive(Clone, Debug)]
-struct Lesson {
-    waveform: Waveform,
-    /// The constant part, then the harmonics.
-    force: Vec<Harmonic>,
-    /// Force per error, likewise.
-    inverse: Vec<Harmonic>,
-    /// Ticks over which the error is projected: a nearly whole number of periods.
-    window_ticks: u32,
-    updates: u32,
-    /// Sums of the present window.
-    error: Vec<Harmonic>,
-    ticks: u32,
 }
 
 /// The learner of a driver: lessons by waveform, the least recently used one first.
@@ -107,6 +112,7 @@ pub(crate) struct Learner {
     control: ControlParameters,
     mass: Vector3<f64>,
     period_s: f64,
+    delay: DelayEstimate,
     lessons: Vec<Lesson>,
     run: Option<u64>,
 }
@@ -121,20 +127,23 @@ impl Learner {
         mass: Vector3<f64>,
         period_s: f64,
     ) -> Result<Self, OutOfRange> {
-        parameters.validate()?;
-        Ok(Self { parameters, control, mass, period_s, lessons: Vec::new(), run: None })
+        parameters.validate(period_s)?;
+        let delay = DelayEstimate::new(parameters.nominal_delay_s);
+        Ok(Self { parameters, control, mass, period_s, delay, lessons: Vec::new(), run: None })
     }
 
-    /// Takes another mass, mass and inertia. What was learned stays as a start, and is learned anew at full gain.
+    /// Takes another mass, mass and inertia. What was learned is scaled by it, and learned anew at full gain.
     pub(crate) fn set_mass(&mut self, mass: Vector3<f64>) {
-        let ratio = mass.component_div(&self.mass).map(Complex::from);
+        let ratio = mass.component_div(&self.mass);
         self.mass = mass;
         for lesson in &mut self.lessons {
-            lesson.updates = 0;
-            for inverse in &mut lesson.inverse {
-                inverse.component_mul_assign(&ratio);
-            }
+            lesson.rescale(&ratio);
         }
+    }
+
+    /// The loop's delay as estimated so far, s.
+    pub(crate) fn delay_s(&self) -> f64 {
+        self.delay.delay_s()
     }
 
     /// The learned force at this tick, at which the courier is `error` off its set point. Nothing is learned while
@@ -148,122 +157,36 @@ impl Learner {
             self.run = Some(vibration.start_tick);
             self.recall(&vibration);
         }
+        let nominal = self.nominal();
         let Some(lesson) = self.lessons.last_mut() else { return Wrench::zeros() };
         let learning = vibration.steady && !disturbed;
         let force = lesson.force(&vibration, error, learning);
-        if learning {
-            lesson.update(&self.parameters);
-        } else {
+        if !learning {
             lesson.forget_window();
+        } else if lesson.window_is_full() {
+            self.delay.observe(lesson, &nominal);
+            let nominal = NominalLoop { delay_s: self.delay.delay_s(), ..nominal };
+            lesson.update(&nominal, &self.parameters);
         }
         force * vibration.scale
     }
 
+    fn nominal(&self) -> NominalLoop {
+        let (delay_s, lag_s) = (self.delay.delay_s(), self.parameters.nominal_lag_s);
+        NominalLoop { control: self.control, delay_s, lag_s, period_s: self.period_s }
+    }
+
     /// Makes the waveform's lesson the last one.
     fn recall(&mut self, vibration: &Instant) {
-        let known = self.lessons.iter().position(|lesson| lesson.waveform == *vibration.waveform);
+        let known = self.lessons.iter().position(|lesson| lesson.teaches(vibration.waveform));
         let mut lesson = match known {
             Some(index) => self.lessons.remove(index),
-            None => self.begin(vibration),
+            None => Lesson::new(vibration, &self.nominal(), self.mass),
         };
         lesson.forget_window();
         self.lessons.push(lesson);
         if self.lessons.len() > Self::LESSONS_MAX {
             self.lessons.remove(0);
         }
-    }
-
-    fn begin(&self, vibration: &Instant) -> Lesson {
-        let LearningParameters { nominal_delay_s: delay_s, nominal_lag_s: lag_s, .. } = self.parameters;
-        let nominal = NominalLoop { control: &self.control, delay_s, lag_s, period_s: self.period_s };
-        // A constant force, which a ripple that beats with the vibration asks for, is met by the stiffness alone. Its
-        // projection takes the mean, half of what a harmonic's takes.
-        let constant = Complex::from(0.5 * nominal.stiffness_per_s2());
-        let harmonics =
-            (1..=vibration.harmonics).map(|k| nominal.response(vibration.fundamental_rad_s * k as f64).inv());
-        let inverse: Vec<Harmonic> =
-            std::iter::once(constant).chain(harmonics).map(|per_mass| self.mass.map(|mass| per_mass * mass)).collect();
-        let zeros = vec![Harmonic::zeros(); inverse.len()];
-        Lesson {
-            waveform: vibration.waveform.clone(),
-            force: zeros.clone(),
-            inverse,
-            window_ticks: window_ticks(vibration.waveform.period_s() / self.period_s),
-            updates: 0,
-            error: zeros,
-            ticks: 0,
-        }
-    }
-}
-
-impl Lesson {
-    /// Evaluates the learned force, and adds the error to the window's sums on the way.
-    fn force(&mut self, vibration: &Instant, error: &Vector3<f64>, learning: bool) -> Wrench {
-        let mut force = Wrench::zeros();
-        let harmonics = basis(vibration.fundamental_rad_s, vibration.elapsed_s);
-        let powers = std::iter::once(Complex::from(1.0)).chain(harmonics);
-        for ((learned, sum), power) in self.force.iter().zip(&mut self.error).zip(powers) {
-            for axis in 0..3 {
-                force[axis] += (learned[axis] * power).re;
-                if learning {
-                    sum[axis] += power.conj() * error[axis];
-                }
-            }
-        }
-        force
-    }
-
-    /// Counts a tick; at the end of a window, corrects the force.
-    fn update(&mut self, parameters: &LearningParameters) {
-        self.ticks += 1;
-        if self.ticks < self.window_ticks {
-            return;
-        }
-        let late = f64::from(self.updates.saturating_sub(parameters.constant_updates));
-        let gain = (parameters.gain / (1.0 + parameters.decay * late)).max(parameters.gain_min);
-        let share = Complex::from(gain * 2.0 / f64::from(self.window_ticks));
-        for ((force, inverse), sum) in self.force.iter_mut().zip(&self.inverse).zip(&self.error) {
-            *force += inverse.component_mul(sum) * share;
-        }
-        self.updates = self.updates.saturating_add(1);
-        self.forget_window();
-    }
-
-    fn forget_window(&mut self) {
-        if self.ticks > 0 {
-            self.ticks = 0;
-            self.error.fill(Harmonic::zeros());
-        }
-    }
-}
-
-/// The fewest ticks, of three periods or more, that are nearly a whole number of periods of `period_ticks` each.
-///
-/// Over a window that is off by δ of n ticks a harmonic leaks δ/n of itself into the others; what is tolerated here is
-/// less than the updates correct.
-fn window_ticks(period_ticks: f64) -> u32 {
-    const OFF_TICKS_MAX: f64 = 0.05;
-    let windows = (3..=60).map(|periods| f64::from(periods) * period_ticks);
-    let off = |ticks: &f64| (ticks - ticks.round()).abs();
-    let whole = windows.clone().find(|ticks| off(ticks) <= OFF_TICKS_MAX);
-    let ticks = whole.or_else(|| windows.min_by(|a, b| off(a).total_cmp(&off(b)))).unwrap_or(period_ticks);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 60 periods of 1 s")]
-    let ticks = ticks.round() as u32;
-    ticks
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn windows_are_whole_periods() {
-        assert_eq!(window_ticks(200.0 / 3.0), 200);
-        assert_eq!(window_ticks(100.0), 300);
-        assert_eq!(window_ticks(66.6), 333);
-        // √2: 7 · 99/7 …, the best of sixty is within a few hundredths.
-        let ticks = window_ticks(100.0 * 2.0_f64.sqrt());
-        let periods = f64::from(ticks) / (100.0 * 2.0_f64.sqrt());
-        assert!((periods - periods.round()).abs() < 1e-3);
     }
 }

@@ -1,6 +1,6 @@
 //! What the courier may be commanded to do.
 
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -49,6 +49,10 @@ pub struct CourierLimits {
     pub y_m_min: f64,
     /// Upper bound along y, m.
     pub y_m_max: f64,
+    /// Where the tether is fixed, x and y on the platen, m (assumed).
+    pub tether_anchor_m: [f64; 2],
+    /// Length of the tether, m (assumed): the courier's centre stays this close to the anchor.
+    pub tether_length_m: f64,
     /// Largest yaw to either side, rad.
     pub yaw_rad_max: f64,
     /// Largest speed of translation, m/s.
@@ -57,7 +61,8 @@ pub struct CourierLimits {
     pub acceleration_m_s2_max: f64,
     /// Largest jerk of translation in trajectories, m/s³. Waveforms are steps of acceleration and exempt.
     pub jerk_m_s3_max: f64,
-    /// Peak force along x and along y, N (assumed).
+    /// Peak force along x and along y, N (assumed). Force and torque come from the same forcers: where both are wanted,
+    /// their shares of the peaks add up to 1 at most.
     pub force_n_max: f64,
     /// Peak torque about z, N m (assumed).
     pub torque_n_m_max: f64,
@@ -76,6 +81,9 @@ impl Default for CourierLimits {
             x_m_max: 0.5,
             y_m_min: -0.5,
             y_m_max: 0.5,
+            tether_anchor_m: [0.0, 0.8],
+            // Just the far corners of the platen.
+            tether_length_m: 1.4,
             yaw_rad_max: 2.0_f64.to_radians(),
             speed_m_s_max: 1.5,
             acceleration_m_s2_max: 20.0,
@@ -132,6 +140,10 @@ impl CourierLimits {
         check_range("limits.x_m_max", self.x_m_max, self.x_m_min, 10.0)?;
         check_range("limits.y_m_min", self.y_m_min, -10.0, 10.0)?;
         check_range("limits.y_m_max", self.y_m_max, self.y_m_min, 10.0)?;
+        for anchor_m in self.tether_anchor_m {
+            check_range("limits.tether_anchor_m", anchor_m, -10.0, 10.0)?;
+        }
+        check_range("limits.tether_length_m", self.tether_length_m, 0.01, 20.0)?;
         check_range("limits.yaw_rad_max", self.yaw_rad_max, 0.0, 2.0_f64.to_radians())?;
         check_range("limits.speed_m_s_max", self.speed_m_s_max, 1e-3, 10.0)?;
         check_range("limits.acceleration_m_s2_max", self.acceleration_m_s2_max, 1e-3, 100.0)?;
@@ -168,6 +180,27 @@ impl CourierLimits {
         Vector3::new(self.x_m_max, self.y_m_max, self.yaw_rad_max)
     }
 
+    /// Distance from the tether's anchor, m.
+    #[must_use]
+    pub fn tether_m(&self, position: &Vector3<f64>) -> f64 {
+        (position.xy() - Vector2::from(self.tether_anchor_m)).norm()
+    }
+
+    /// Cuts a wrench to what the forcers give: each component to its peak, then all alike until force and torque fit
+    /// together.
+    #[must_use]
+    pub fn saturate(&self, wrench: Vector3<f64>) -> Vector3<f64> {
+        let peak = self.wrench_max();
+        let cut = wrench.sup(&-peak).inf(&peak);
+        cut / self.forcer_share(&cut).1.max(1.0)
+    }
+
+    /// The axis whose forcers a wrench loads most, and the share of their peak that it takes.
+    fn forcer_share(&self, wrench: &Vector3<f64>) -> (usize, f64) {
+        let share = wrench.component_div(&self.wrench_max()).abs();
+        if share.x >= share.y { (0, share.x + share.z) } else { (1, share.y + share.z) }
+    }
+
     /// Largest acceleration of translation a command may ask for under `load`: the smaller of the limit itself and
     /// what force is left beside the feedback's reserve, m/s².
     #[must_use]
@@ -198,6 +231,10 @@ impl CourierLimits {
                 return violation(name, highest[axis], max[axis]);
             }
         }
+        let tether_m = self.tether_m(&motion.position) + vibration.position.xy().norm();
+        if tether_m > self.tether_length_m + SLACK {
+            return violation("distance from the tether's anchor (m)", tether_m, self.tether_length_m);
+        }
         let velocity = motion.velocity.abs() + vibration.velocity;
         let acceleration = motion.acceleration.abs() + vibration.acceleration;
         let speed_m_s = velocity.xy().norm();
@@ -214,6 +251,11 @@ impl CourierLimits {
             if wrench[axis] > available[axis] * (1.0 + SLACK) {
                 return violation(name, wrench[axis], available[axis]);
             }
+        }
+        let (axis, share) = self.forcer_share(&wrench);
+        if share > (1.0 - self.feedback_reserve) * (1.0 + SLACK) {
+            let name = ["force along x and torque (share of peak)", "force along y and torque (share of peak)"][axis];
+            return violation(name, share, 1.0 - self.feedback_reserve);
         }
         Ok(())
     }
@@ -240,5 +282,23 @@ mod tests {
         assert!((empty - 20.0).abs() < 1e-12);
         let loaded = limits.translation_acceleration_m_s2_max(&Load { mass_kg: 1.2, inertia_kg_m2: 0.0 });
         assert!((loaded - 27.0 / 2.4).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_short_tether_and_shared_forcers_bound_what_may_be_asked_for() {
+        let limits = CourierLimits { tether_length_m: 1.0, ..CourierLimits::default() };
+        let check = |position, acceleration| {
+            let motion = Extent { position, acceleration, ..Extent::default() };
+            limits.check(&motion, &Extent::default(), &Load::default(), 0.0).map_err(|violation| violation.quantity)
+        };
+        assert_eq!(check(Vector3::new(0.0, -0.1, 0.0), Vector3::zeros()), Ok(()));
+        let far = check(Vector3::new(0.4, -0.3, 0.0), Vector3::zeros());
+        assert_eq!(far, Err("distance from the tether's anchor (m)"));
+        // Half of the force and half of the torque are all that the reserve leaves, and a little too much.
+        assert_eq!(check(Vector3::zeros(), Vector3::new(0.0, 11.0, 240.0)), Ok(()));
+        let both = check(Vector3::zeros(), Vector3::new(0.0, 12.0, 260.0));
+        assert_eq!(both, Err("force along y and torque (share of peak)"));
+        let cut = limits.saturate(Vector3::new(60.0, 0.0, 2.7));
+        assert!((cut - Vector3::new(15.0, 0.0, 1.35)).norm() < 1e-12, "{cut}");
     }
 }

@@ -65,6 +65,19 @@ pub enum Rejection {
         /// The client that holds the courier.
         holder: u64,
     },
+    /// The driver is not active.
+    #[error("the driver is not active")]
+    Inactive,
+    /// A tolerance has no meaning.
+    #[error("{tolerance} of {} = {value} is outside its range: -1 (none), 0 (the default) or a positive number", AXES[*axis])]
+    Tolerance {
+        /// Which tolerance.
+        tolerance: &'static str,
+        /// Index of the axis.
+        axis: usize,
+        /// Its value.
+        value: f64,
+    },
     /// A fault is latched.
     #[error("the driver is in fault: {0}")]
     Faulted(#[from] Fault),

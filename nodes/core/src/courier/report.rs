@@ -1,5 +1,7 @@
 //! What the driver reports.
 
+use std::fmt;
+
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -25,8 +27,37 @@ pub enum GoalOutcome {
         /// Distance from the end, (m, m, rad).
         error: Vector3<f64>,
     },
+    /// The courier left the tolerance about its path; it comes to rest on it.
+    PathViolated {
+        /// `position` or `velocity`.
+        quantity: &'static str,
+        /// Index of the axis.
+        axis: usize,
+        /// Distance from the set point, m, rad, m/s or rad/s.
+        error: f64,
+        /// The distance allowed.
+        allowed: f64,
+    },
     /// The driver went into fault.
     Faulted(Fault),
+}
+
+/// Who keeps the courier moving, and is watched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Commander {
+    /// Whoever sends waveforms; watched while the courier vibrates.
+    Generator,
+    /// Whoever sends trajectories; watched while one is followed.
+    Planner,
+}
+
+impl fmt::Display for Commander {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Generator => "the waveform generator",
+            Self::Planner => "the planner",
+        })
+    }
 }
 
 /// Why the driver refuses to move until it is reset.
@@ -45,6 +76,33 @@ pub enum Fault {
     /// The position sensor gave no finite number.
     #[error("the position sensor gives no finite number")]
     SensorLost,
+    /// The courier left its envelope.
+    #[error("{quantity} is {value:.6}, allowed is {allowed:.6}")]
+    LeftEnvelope {
+        /// What left its range, with its unit.
+        quantity: &'static str,
+        /// Its value.
+        value: f64,
+        /// The bound it crossed, its margin included.
+        allowed: f64,
+    },
+    /// The forcers gave all they have for too long.
+    #[error("force or torque has been at its peak for {for_s:.3} s")]
+    Saturated {
+        /// For how long, s.
+        for_s: f64,
+    },
+    /// Nothing was heard of who commands the courier; it was brought to rest first.
+    #[error("nothing heard of {of} for {for_s:.3} s")]
+    Silence {
+        /// Of whom.
+        of: Commander,
+        /// For how long, s.
+        for_s: f64,
+    },
+    /// Somebody pressed the button.
+    #[error("emergency stop")]
+    EmergencyStop,
 }
 
 /// What happened to a goal or to the driver during a step.
@@ -65,6 +123,10 @@ pub struct DriverStatus {
     pub position: Vector3<f64>,
     /// Velocity of the tray, as the plant knows it.
     pub velocity: Vector3<f64>,
+    /// Where the set point is.
+    pub set_point: Vector3<f64>,
+    /// How fast the set point moves.
+    pub set_point_velocity: Vector3<f64>,
     /// Where the courier is sent, without the vibration: where it will be once the vibration has stopped.
     pub nominal_position: Vector3<f64>,
     /// What the vibration does.
@@ -79,7 +141,9 @@ pub struct DriverStatus {
     pub tracking_error_rms: Vector3<f64>,
     /// Servo ticks of the step in which force or torque were cut to the peak.
     pub saturated_ticks: usize,
-    /// The latched fault.
+    /// Delay of the servo loop as learned so far, s.
+    pub learned_delay_s: f64,
+    /// The latched fault, or the one it will be when the courier has come to rest.
     pub fault: Option<Fault>,
 }
 

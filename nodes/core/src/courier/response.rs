@@ -8,8 +8,8 @@ use super::control::ControlParameters;
 
 /// The nominal plant of unit mass with its sampled feedback, by exact discretisation between servo ticks.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct NominalLoop<'a> {
-    pub(crate) control: &'a ControlParameters,
+pub(crate) struct NominalLoop {
+    pub(crate) control: ControlParameters,
     /// Time from a command to its first effect, s.
     pub(crate) delay_s: f64,
     /// Time constant of the force, s.
@@ -24,9 +24,9 @@ fn step_response(time_s: f64, lag_s: f64) -> [f64; 3] {
     [risen, time_s - lag_s * risen, 0.5 * time_s * time_s - lag_s * time_s + lag_s * lag_s * risen]
 }
 
-impl NominalLoop<'_> {
-    /// Position per command in open loop, m per m/s², at `z` = exp(i ω Δt).
-    fn plant(&self, z: Complex<f64>) -> Complex<f64> {
+impl NominalLoop {
+    /// Position (m) and velocity (m/s) per command (m/s²) in open loop, at `z` = exp(i ω Δt).
+    fn plant(&self, z: Complex<f64>) -> (Complex<f64>, Complex<f64>) {
         let (dt, lag_s) = (self.period_s, self.lag_s);
         let whole_ticks = (self.delay_s / dt + 1e-9).floor();
         let late_s = (self.delay_s - whole_ticks * dt).max(0.0);
@@ -50,7 +50,7 @@ impl NominalLoop<'_> {
         let (carried_speed, carried_position) =
             if lag_s > 0.0 { (dt - gained, 0.5 * dt * dt - moved) } else { (0.0, 0.0) };
         let speed = (input(1) + force * carried_speed) / (z - 1.0);
-        (input(2) + force * carried_position + speed * dt) / (z - 1.0)
+        ((input(2) + force * carried_position + speed * dt) / (z - 1.0), speed)
     }
 
     /// Command per error of position, the feedback.
@@ -58,19 +58,37 @@ impl NominalLoop<'_> {
         let natural_rad_s = TAU * self.control.bandwidth_hz;
         let gain = 1.0 - (-TAU * self.control.velocity_filter_hz * self.period_s).exp();
         let rate = gain * (1.0 - 1.0 / z) / self.period_s / (1.0 - (1.0 - gain) / z);
-        natural_rad_s * natural_rad_s + 2.0 * self.control.damping_ratio * natural_rad_s * rate
+        let integral = 1.0 + self.control.integral_per_s() * self.period_s / (1.0 - 1.0 / z);
+        natural_rad_s * natural_rad_s * integral + 2.0 * self.control.damping_ratio * natural_rad_s * rate
     }
 
-    /// Acceleration per error at rest.
-    pub(crate) fn stiffness_per_s2(&self) -> f64 {
-        (TAU * self.control.bandwidth_hz).powi(2)
-    }
-
-    /// Position per acceleration added to the command, with the loop closed, m per m/s², at `omega_rad_s`.
-    pub(crate) fn response(&self, omega_rad_s: f64) -> Complex<f64> {
+    /// Everything of the loop at one frequency.
+    pub(crate) fn at(&self, omega_rad_s: f64) -> Response {
         let z = Complex::cis(omega_rad_s * self.period_s);
-        let plant = self.plant(z);
-        plant / (1.0 + plant * self.feedback(z))
+        let (position, velocity) = self.plant(z);
+        let difference = (z - 1.0) / self.period_s;
+        Response { omega_rad_s, position, velocity, feedback: self.feedback(z), difference }
+    }
+}
+
+/// The nominal loop of unit mass at one frequency, as transfer functions between values at servo ticks.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Response {
+    pub(crate) omega_rad_s: f64,
+    /// Position per command in open loop, m per m/s².
+    pub(crate) position: Complex<f64>,
+    /// Velocity per command in open loop, m/s per m/s².
+    pub(crate) velocity: Complex<f64>,
+    /// Command per error of position, 1/s².
+    pub(crate) feedback: Complex<f64>,
+    /// Mean acceleration from a tick to the next per velocity, 1/s.
+    pub(crate) difference: Complex<f64>,
+}
+
+impl Response {
+    /// Position per acceleration added to the command, with the loop closed, m per m/s².
+    pub(crate) fn closed(&self) -> Complex<f64> {
+        self.position / (1.0 + self.position * self.feedback)
     }
 }
 
@@ -87,7 +105,7 @@ mod tests {
         let control = ControlParameters::default();
         for (delay_s, lag_s) in [(0.0, 0.0), (0.5e-3, 0.5e-3), (0.65e-3, 0.3e-3), (1.2e-3, 0.0)] {
             let parameters = PlantParameters { delay_s, lag_s, ..PlantParameters::IDEAL };
-            let nominal = NominalLoop { control: &control, delay_s, lag_s, period_s: 0.5e-3 };
+            let nominal = NominalLoop { control, delay_s, lag_s, period_s: 0.5e-3 };
             for frequency_hz in [30.0, 90.0, 300.0, 630.0] {
                 let omega_rad_s = TAU * frequency_hz;
                 let mut plant = SimulatedPlant::new(parameters, Vector3::zeros(), 1).unwrap();
@@ -103,7 +121,7 @@ mod tests {
                         sum += measured.x * phase.conj() * (2.0 / 2000.0);
                     }
                 }
-                let error = (sum - nominal.response(omega_rad_s)).norm() / sum.norm();
+                let error = (sum - nominal.at(omega_rad_s).closed()).norm() / sum.norm();
                 // What is left of the start-up after a second, e^(-ω ζ t), and rounding.
                 assert!(error < 1e-6, "{delay_s} {lag_s} {frequency_hz}: {error}");
             }

@@ -17,6 +17,15 @@ pub struct TrajectoryPoint {
     pub acceleration: Option<Vector3<f64>>,
 }
 
+impl TrajectoryPoint {
+    /// A point at which the courier rests.
+    #[must_use]
+    pub fn at_rest(time_s: f64, position: Vector3<f64>) -> Self {
+        let zero = Some(Vector3::zeros());
+        Self { time_s, position, velocity: zero, acceleration: zero }
+    }
+}
+
 /// Points in order of time, interpolated as `ros2_control` does: quintic between points with velocities and
 /// accelerations, cubic between points with velocities, else linear.
 ///

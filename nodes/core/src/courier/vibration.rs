@@ -55,8 +55,8 @@ impl Vibration {
     pub(crate) fn instant(&self, start_tick: u64, elapsed_s: f64, fade_out_s: f64) -> Option<Instant<'_>> {
         self.fourier.as_ref().map(|fourier| Instant {
             waveform: &self.waveform,
-            fundamental_rad_s: fourier.fundamental_rad_s(),
-            harmonics: fourier.len(),
+            fourier,
+            axis: self.axis,
             start_tick,
             elapsed_s,
             scale: self.envelope(elapsed_s, fade_out_s).0,

@@ -2,11 +2,12 @@
 //!
 //! [`slope`] is exact: one dimension, piecewise-constant acceleration, closed-form events, steady motion found directly.
 //! [`equations`] holds the closed forms it is checked against. [`annular`] is the annular tray in two dimensions, one
-//! closed-form step per sample of any tray motion; [`map`] puts both together over the radii of a tray.
+//! closed-form step per sample of any tray motion; [`identify`] finds the friction in a recording; [`map`] puts both together over the radii of a tray.
 
 pub mod annular;
 pub mod design;
 pub mod equations;
+pub mod identify;
 pub mod map;
 pub mod slope;
 

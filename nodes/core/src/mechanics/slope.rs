@@ -71,6 +71,22 @@ impl Track {
         })
     }
 
+    /// Moves a part by one sample of any tray motion: from w = `w_m_s` under a constant tray acceleration, the new w and
+    /// the distance covered relative to the tray, m. The part must stay on the tray.
+    #[must_use]
+    pub fn step(&self, w_m_s: f64, acceleration_m_s2: f64, duration_s: f64) -> (f64, f64) {
+        let normal_m_s2 = self.normal_over_weight(acceleration_m_s2) * self.gravity_m_s2;
+        let (mut w, mut distance_m, mut left_s) = (w_m_s, 0.0, duration_s);
+        let leg = self.leg(duration_s, acceleration_m_s2, normal_m_s2);
+        while left_s > 0.0 {
+            let phase = leg.next_phase(w, left_s);
+            w = phase.to_m_s;
+            distance_m += phase.distance_m();
+            left_s -= phase.duration_s;
+        }
+        (w, distance_m)
+    }
+
     fn leg(&self, duration_s: f64, acceleration_m_s2: f64, normal_m_s2: f64) -> Leg {
         let drive = -self.gravity_m_s2 * self.sin - acceleration_m_s2 * self.cos;
         let sliding = self.friction.sliding * normal_m_s2;

@@ -44,7 +44,9 @@ fn couriers_whose_ways_cross_wait_for_each_other_and_all_deliver() {
     let mut worlds = worlds(&platen);
     for _ in 0..5 {
         for station in ["right", "left"] {
-            worlds.iter_mut().for_each(|world| drop(world.request(station, None)));
+            for world in &mut worlds {
+                world.request(station, None);
+            }
         }
     }
     run(&platen, &mut worlds, 120);

@@ -1,10 +1,12 @@
 use std::fmt;
+use std::sync::Arc;
 
 use serde::{
     Deserialize, Deserializer,
     de::{Error, MapAccess, SeqAccess, Visitor, value::SeqAccessDeserializer},
 };
 
+use super::GivenValue;
 use crate::{dds::NodeName, parameters::Value};
 
 /// The key below which a node's parameters lie.
@@ -15,7 +17,7 @@ const PARAMETERS: &str = "ros__parameters";
 pub(super) struct Given {
     nodes: Nodes,
     pub(super) name: String,
-    pub(super) value: Value,
+    pub(super) given: GivenValue,
 }
 
 /// Which nodes a value is for.
@@ -30,6 +32,7 @@ enum Nodes {
 impl Given {
     /// Reads `[node:]name:=value`.
     pub(super) fn parse(text: &str) -> Result<Self, String> {
+        let source = format!("--param {text}").into();
         let (name, value) = text.split_once(":=").ok_or("there is no := in it")?;
         let (nodes, name) = match name.split_once(':') {
             Some((node, name)) if node.starts_with('/') => (Nodes::Matching(node.to_owned()), name),
@@ -40,7 +43,7 @@ impl Given {
             return Err("the parameter's name is empty".to_owned());
         }
         let value = serde_saphyr::from_str(value).map_err(|error| error.to_string())?;
-        Ok(Self { nodes, name: name.to_owned(), value })
+        Ok(Self { nodes, name: name.to_owned(), given: GivenValue { value, source } })
     }
 
     pub(super) fn is_for(&self, node: &NodeName) -> bool {
@@ -65,14 +68,14 @@ fn matches(pattern: &[&str], parts: &[&str]) -> bool {
 }
 
 /// Reads a parameter file: namespaces and nodes, nested or written as one key, with `ros__parameters` below.
-pub(super) fn read(text: &str) -> Result<Vec<Given>, String> {
+pub(super) fn read(source: &str, text: &str) -> Result<Vec<Given>, String> {
     let tree: Tree = serde_saphyr::from_str(text).map_err(|error| error.to_string())?;
     let mut given = Vec::new();
-    collect_nodes("", tree, &mut given)?;
+    collect_nodes("", tree, &source.into(), &mut given)?;
     Ok(given)
 }
 
-fn collect_nodes(node: &str, tree: Tree, given: &mut Vec<Given>) -> Result<(), String> {
+fn collect_nodes(node: &str, tree: Tree, source: &Arc<str>, given: &mut Vec<Given>) -> Result<(), String> {
     let Tree::Map(entries) = tree else {
         return Err(format!("{:?} holds no map with {PARAMETERS}", if node.is_empty() { "the file" } else { node }));
     };
@@ -81,21 +84,24 @@ fn collect_nodes(node: &str, tree: Tree, given: &mut Vec<Given>) -> Result<(), S
             if !matches!(below, Tree::Map(_)) {
                 return Err(format!("{PARAMETERS} of {node:?} is no map of names and values"));
             }
-            collect_values(node, String::new(), below, given);
+            collect_values(node, String::new(), below, source, given);
         } else {
-            collect_nodes(&format!("{node}/{}", key.trim_matches('/')), below, given)?;
+            collect_nodes(&format!("{node}/{}", key.trim_matches('/')), below, source, given)?;
         }
     }
     Ok(())
 }
 
-fn collect_values(node: &str, name: String, tree: Tree, given: &mut Vec<Given>) {
+fn collect_values(node: &str, name: String, tree: Tree, source: &Arc<str>, given: &mut Vec<Given>) {
     match tree {
-        Tree::Value(value) => given.push(Given { nodes: Nodes::Matching(node.to_owned()), name, value }),
+        Tree::Value(value) => {
+            let nodes = Nodes::Matching(node.to_owned());
+            given.push(Given { nodes, name, given: GivenValue { value, source: source.clone() } });
+        }
         Tree::Map(entries) => {
             for (key, below) in entries {
                 let name = if name.is_empty() { key } else { format!("{name}.{key}") };
-                collect_values(node, name, below, given);
+                collect_values(node, name, below, source, given);
             }
         }
     }

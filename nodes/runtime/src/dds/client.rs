@@ -5,7 +5,7 @@ use std::{
     pin::Pin,
     sync::{
         Arc, Mutex, MutexGuard, OnceLock, PoisonError,
-        atomic::{AtomicI64, AtomicU64, Ordering},
+        atomic::{AtomicI64, Ordering},
     },
     task::{Context, Poll},
     time::Duration,
@@ -23,6 +23,7 @@ use super::{
     executor::Spawner,
     names::dds_name,
     peers::Peers,
+    tally::Counter,
     wire::{self, ClientId, ReplyTo},
     writer::Outlet,
 };
@@ -41,7 +42,12 @@ impl Participant {
         let qos = Qos::service();
         let reply_topic = dds_name("service", "rr", name, "Reply")?;
         let writer = self.writer_of(&dds_name("service", "rq", name, "Request")?, request_dds_type, &qos)?;
-        let calls = Arc::new(Calls { service: name.into(), waiting: Mutex::default(), refused: AtomicU64::new(0) });
+        let calls = Arc::new(Calls {
+            service: name.into(),
+            waiting: Mutex::default(),
+            refused: self.counter(name, "replies refused"),
+            unanswered: self.counter(name, "calls without a reply"),
+        });
         // The reader's function needs the reader's own identity, which is known only afterwards; no
         // reply can come before the first request.
         let id = Arc::new(OnceLock::new());
@@ -109,6 +115,9 @@ impl Client {
                 // Nothing is ever sent: this ends when the client is dropped.
                 _ = open.changed() => Err(CallError::Closed { service: line.calls.service.to_string() }),
             };
+            if matches!(outcome, Err(CallError::Unavailable { .. } | CallError::TimedOut { .. })) {
+                line.calls.unanswered.add(1);
+            }
             answer(outcome);
         });
     }
@@ -122,7 +131,7 @@ impl Client {
     /// Replies that could not be read, each logged with its reason.
     #[must_use]
     pub fn refused(&self) -> u64 {
-        self.line.calls.refused.load(Ordering::Relaxed)
+        self.line.calls.refused.get()
     }
 }
 
@@ -285,7 +294,8 @@ impl Line {
 struct Calls {
     service: Arc<str>,
     waiting: Mutex<BTreeMap<ReplyTo, oneshot::Sender<Reply>>>,
-    refused: AtomicU64,
+    refused: Arc<Counter>,
+    unanswered: Arc<Counter>,
 }
 
 impl Calls {
@@ -303,7 +313,7 @@ impl Calls {
             }
             Ok(None) => {}
             Err(error) => {
-                self.refused.fetch_add(1, Ordering::Relaxed);
+                self.refused.add(1);
                 tracing::warn!(service = &*self.service, server = %sample.writer_guid, "reply refused: {error}");
             }
         }

@@ -3,6 +3,7 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
+use bytes::Bytes;
 use ros2_client::{dds::rustdds::DomainParticipant, entities_info::ParticipantEntitiesInfo};
 
 use super::{
@@ -136,4 +137,18 @@ impl Nodes {
         nodes.sort_by(|a, b| (&a.name, a.participant).cmp(&(&b.name, b.participant)));
         nodes
     }
+}
+
+/// Reads an announcement of nodes; see [`crate::fuzzing`].
+pub(crate) fn fuzz_announcement(input: &[u8]) {
+    let nodes = Nodes::default();
+    nodes.take(&Sample {
+        payload: Bytes::copy_from_slice(input),
+        little_endian: true,
+        writer_guid: Guid([1; 16]),
+        sequence: 1,
+        source_timestamp: None,
+        related: None,
+    });
+    let _ = nodes.alive(&[]);
 }

@@ -3,6 +3,7 @@ use std::{
     fmt,
     net::Ipv4Addr,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::Duration,
 };
 
 use ros2_client::{
@@ -21,6 +22,7 @@ use super::{
     graph::{self, Nodes},
     names::dds_name,
     raw::{Raw, RawAdapter, RawReader, RawWriter},
+    tally::{Counter, Loss, Tally},
 };
 
 /// One node's presence in a DDS domain. Clones share it; it leaves when the last of them, and the
@@ -28,6 +30,20 @@ use super::{
 #[derive(Clone)]
 pub struct Participant {
     inner: Arc<Inner>,
+}
+
+/// How long a participant stays after its last endpoint has gone. The DDS library stops its sending thread without
+/// looking whether it has sent everything, and on a busy machine it has not: what is lost then stays on the graph as a
+/// ghost for most of a minute.
+const FAREWELL: Duration = Duration::from_millis(30);
+
+/// Lets the goodbyes of what was dropped before it be sent.
+struct Farewell;
+
+impl Drop for Farewell {
+    fn drop(&mut self) {
+        std::thread::sleep(FAREWELL);
+    }
 }
 
 /// Fields are dropped in this order: first the thread with the readers it drains, the participant last.
@@ -39,7 +55,16 @@ pub(super) struct Inner {
     subscriber: Subscriber,
     name: NodeName,
     domain: Domain,
+    pub(super) tally: Tally,
+    _farewell: Farewell,
     pub(super) domain_participant: DomainParticipant,
+}
+
+impl Drop for Inner {
+    fn drop(&mut self) {
+        // So that the node is forgotten even where the end of its participant is missed.
+        self.announcement().publish(false);
+    }
 }
 
 impl Participant {
@@ -98,9 +123,11 @@ impl Participant {
             subscriber,
             name: node.clone(),
             domain: *domain,
+            tally: Tally::default(),
+            _farewell: Farewell,
             domain_participant,
         };
-        inner.announcement().publish();
+        inner.announcement().publish(true);
         Ok(Self { inner: Arc::new(inner) })
     }
 
@@ -147,6 +174,23 @@ impl Participant {
     #[must_use]
     pub fn domain(&self) -> Domain {
         self.inner.domain
+    }
+
+    /// What has been lost or refused so far, by the endpoints that are there now.
+    #[must_use]
+    pub fn losses(&self) -> Vec<Loss> {
+        self.inner.tally.losses()
+    }
+
+    /// A counter for [`losses`](Self::losses).
+    pub(crate) fn counter(&self, endpoint: &str, what: &'static str) -> Arc<Counter> {
+        self.inner.tally.counter(endpoint, what)
+    }
+
+    /// What has been lost or refused, for a task that must not keep the participant alive.
+    pub(crate) fn watch_losses(&self) -> impl Fn() -> Vec<Loss> + Send + 'static {
+        let inner = Arc::downgrade(&self.inner);
+        move || inner.upgrade().map(|inner| inner.tally.losses()).unwrap_or_default()
     }
 
     /// Starts a task on the participant's thread; it ends with the returned handle.
@@ -233,15 +277,17 @@ struct Announcement {
 impl Announcement {
     fn change(&mut self, change: impl FnOnce(&mut Self) -> bool) {
         if change(self) {
-            self.publish();
+            self.publish(true);
         }
     }
 
-    fn publish(&self) {
+    /// Says which endpoints the node has, or that there is no node any more.
+    fn publish(&self, is_here: bool) {
         let mut node = NodeEntitiesInfo::new(self.name.inner().clone());
         self.readers.iter().for_each(|guid| node.add_reader(Gid::from(guid.0)));
         self.writers.iter().for_each(|guid| node.add_writer(Gid::from(guid.0)));
-        let info = ParticipantEntitiesInfo::new(Gid::from(self.participant.0), vec![node]);
+        let info =
+            ParticipantEntitiesInfo::new(Gid::from(self.participant.0), is_here.then_some(node).into_iter().collect());
         if let Err(error) = self.writer.write(info, Some(Timestamp::now())) {
             tracing::warn!(node = %self.name, "the node's endpoints could not be announced: {error}");
         }

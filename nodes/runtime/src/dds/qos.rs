@@ -55,10 +55,11 @@ impl Qos {
         Self { reliability: Reliability::Reliable, durability: Durability::TransientLocal, depth: 1, backlog: 16 }
     }
 
-    /// Requests and replies of services, parameters included.
+    /// Requests and replies of services, parameters included. A client that has crashed acknowledges nothing until it is
+    /// known to be gone, which takes up to 20 s: replies to others must find room meanwhile.
     #[must_use]
     pub const fn service() -> Self {
-        Self { reliability: Reliability::Reliable, durability: Durability::Volatile, depth: 10, backlog: 256 }
+        Self { reliability: Reliability::Reliable, durability: Durability::Volatile, depth: 10, backlog: 2_048 }
     }
 
     /// Topics of the simulation loop, whose engine bounds what is in flight to less than `backlog`.

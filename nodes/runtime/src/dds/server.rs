@@ -16,6 +16,7 @@ use super::{
     DdsError, Guid, Participant, PublishError, Qos, Reader, Writer,
     executor::Spawner,
     names::dds_name,
+    tally::Counter,
     wire::{self, RequestForm},
     writer::Outlet,
 };
@@ -48,7 +49,11 @@ impl Participant {
         let qos = Qos::service();
         let request_topic = dds_name("service", "rq", name, "Request")?;
         let writer = self.writer_of(&dds_name("service", "rr", name, "Reply")?, response_dds_type, &qos)?;
-        let counters = Arc::new(Counters::default());
+        let counters = Arc::new(Counters {
+            requests: AtomicU64::new(0),
+            refused: self.counter(name, "requests refused"),
+            replies_lost: self.counter(name, "replies lost"),
+        });
         let service: Arc<str> = name.into();
         let reader = self.reader_of(&request_topic, request_dds_type, &qos, {
             let (counters, service) = (counters.clone(), service.clone());
@@ -62,6 +67,7 @@ impl Participant {
                     counters: counters.clone(),
                     client: sample.writer_guid,
                     form,
+                    answered: false,
                 };
                 match wire::read_request(&sample) {
                     Ok((form, payload)) => {
@@ -102,8 +108,8 @@ impl Server {
     pub fn counts(&self) -> ServerCounts {
         ServerCounts {
             requests: self.counters.requests.load(Ordering::Relaxed),
-            refused: self.counters.refused.load(Ordering::Relaxed),
-            replies_lost: self.counters.replies_lost.load(Ordering::Relaxed),
+            refused: self.counters.refused.get(),
+            replies_lost: self.counters.replies_lost.get(),
         }
     }
 }
@@ -113,27 +119,26 @@ impl Server {
 pub struct ServerCounts {
     /// Requests that came.
     pub requests: u64,
-    /// Those that could not be read.
+    /// Those that could not be read or got no answer.
     pub refused: u64,
     /// Replies whose client was not found, or never acknowledged them.
     pub replies_lost: u64,
 }
 
-#[derive(Default)]
 struct Counters {
     requests: AtomicU64,
-    refused: AtomicU64,
-    replies_lost: AtomicU64,
+    refused: Arc<Counter>,
+    replies_lost: Arc<Counter>,
 }
 
 impl Counters {
     fn refuse(&self, service: &str, client: Guid, reason: &dyn fmt::Display) {
-        self.refused.fetch_add(1, Ordering::Relaxed);
+        self.refused.add(1);
         tracing::warn!(service, %client, "request refused: {reason}");
     }
 
     fn lose_reply(&self, service: &str, client: Guid, reason: &dyn fmt::Display) {
-        self.replies_lost.fetch_add(1, Ordering::Relaxed);
+        self.replies_lost.add(1);
         tracing::warn!(service, %client, "reply lost: {reason}");
     }
 }
@@ -159,7 +164,7 @@ impl Request {
     }
 }
 
-/// The right to answer one request. Dropped unused, the client gets no answer.
+/// The right to answer one request. Dropped unused, the client gets no answer, which counts as a refusal.
 pub struct ReplyHandle {
     service: Arc<str>,
     outlet: Arc<Outlet>,
@@ -167,12 +172,22 @@ pub struct ReplyHandle {
     counters: Arc<Counters>,
     client: Guid,
     form: RequestForm,
+    answered: bool,
+}
+
+impl Drop for ReplyHandle {
+    fn drop(&mut self) {
+        if !self.answered {
+            self.counters.refuse(&self.service, self.client, &"nobody answered it");
+        }
+    }
 }
 
 impl ReplyHandle {
     /// Answers with a little-endian CDR body. Returns at once: the reply waits for the client's reader
     /// to be found and is sent again until acknowledged, without holding up other replies.
-    pub fn send(self, body: Bytes) {
+    pub fn send(mut self, body: Bytes) {
+        self.answered = true;
         let spawner = self.spawner.clone();
         spawner.spawn(async move {
             if let Err(reason) = self.deliver(body).await {
@@ -185,12 +200,13 @@ impl ReplyHandle {
     pub fn send_message<T: Serialize>(self, message: &T) {
         match cdr::encode(message) {
             Ok(body) => self.send(body),
-            Err(error) => self.counters.lose_reply(&self.service, self.client, &error),
+            Err(error) => self.refuse(&error),
         }
     }
 
     /// Gives no answer, because the request made no sense: the reason is logged and the request counted.
-    pub fn refuse(self, reason: &dyn fmt::Display) {
+    pub fn refuse(mut self, reason: &dyn fmt::Display) {
+        self.answered = true;
         self.counters.refuse(&self.service, self.client, reason);
     }
 

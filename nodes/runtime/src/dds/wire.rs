@@ -140,6 +140,33 @@ fn with_header(header: [u8; HEADER_BYTES], body: &Bytes) -> Bytes {
     payload.freeze()
 }
 
+/// Reads a sample of any vendor as a request and as a reply; see [`crate::fuzzing`].
+pub(crate) fn fuzz(input: &[u8]) {
+    let [vendor, related, rest @ ..] = input else { return };
+    let mut guid = [3; 16];
+    guid[..2].copy_from_slice(&[1, 0x0f + vendor % 4]);
+    let (named, payload) = rest.split_at(rest.len().min(16));
+    let related = (related & 1 == 1).then(|| {
+        let mut guid = [0; 16];
+        guid[..named.len()].copy_from_slice(named);
+        SampleId { guid: Guid(guid), sequence: (related & 2 == 2).then_some(i64::from(*related)) }
+    });
+    let sample = Sample {
+        payload: Bytes::copy_from_slice(payload),
+        little_endian: vendor & 16 == 0,
+        writer_guid: Guid(guid),
+        sequence: 1,
+        source_timestamp: None,
+        related,
+    };
+    if let Ok((form, body)) = read_request(&sample) {
+        let (reply, _) = form.reply(body.clone());
+        assert!(reply.len() >= body.len() && reply.ends_with(&body), "a reply has lost its body");
+    }
+    let client = ClientId { writer: Guid([4; 16]), reader: Guid([5; 16]) };
+    let _ = client.read_reply(&sample);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -68,6 +68,8 @@ pub struct Clock {
     start_up_limit: Duration,
     nodes: BTreeMap<String, Seen>,
     started_at: Option<Duration>,
+    /// When and at which tick the present speed began.
+    paced_from: (Duration, u64),
     granted_until: u64,
     end_tick: u64,
     slowest: u64,
@@ -84,6 +86,7 @@ impl Clock {
             start_up_limit,
             nodes: BTreeMap::new(),
             started_at: None,
+            paced_from: (Duration::ZERO, 0),
             granted_until: 0,
             end_tick,
             slowest: 0,
@@ -112,6 +115,18 @@ impl Clock {
     /// Ends the run at the next tick that every node can reach.
     pub fn end_early(&mut self) {
         self.end_tick = self.end_tick.min(self.granted_until);
+    }
+
+    /// How fast simulated time may pass.
+    #[must_use]
+    pub fn speed(&self) -> Speed {
+        self.speed
+    }
+
+    /// Changes the speed from now on. It changes no result.
+    pub fn set_speed(&mut self, speed: Speed, now: Duration) {
+        self.speed = speed;
+        self.paced_from = (now, self.granted_until.saturating_sub(1));
     }
 
     /// The last grant, as it was sent.
@@ -165,6 +180,7 @@ impl Clock {
                 return None;
             }
             self.started_at = Some(now);
+            self.paced_from = (now, 0);
             self.progress_at = now;
         }
         let window = self.contract.timing.window_ticks;
@@ -215,21 +231,14 @@ impl Clock {
 
     /// The tick that wall time allows.
     fn paced_tick(&self, now: Duration) -> u64 {
-        match (self.speed, self.started_at) {
-            (Speed::Paced(speed), Some(started_at)) => {
-                let elapsed_s = now.saturating_sub(started_at).as_secs_f64();
-                let tick_s = Duration::from_nanos(self.contract.timing.tick_ns).as_secs_f64();
-                let ticks = elapsed_s * speed / tick_s;
-                #[expect(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "saturates, and is never negative"
-                )]
-                let whole = ticks as u64;
-                whole + 1
-            }
-            _ => u64::MAX,
-        }
+        let Speed::Paced(speed) = self.speed else { return u64::MAX };
+        let (since, from_tick) = self.paced_from;
+        let elapsed_s = now.saturating_sub(since).as_secs_f64();
+        let tick_s = Duration::from_nanos(self.contract.timing.tick_ns).as_secs_f64();
+        let ticks = elapsed_s * speed / tick_s;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates, and is never negative")]
+        let whole = ticks as u64;
+        from_tick.saturating_add(whole).saturating_add(1)
     }
 
     fn missing(&self, now: Duration) -> String {
@@ -333,6 +342,29 @@ mod tests {
         assert_eq!(clock.grant(ms(5), false), None);
         assert_eq!(clock.grant(ms(25), false).unwrap().until_tick, 3);
         assert_eq!(clock.check(ms(25)), Ok(()));
+    }
+
+    #[test]
+    fn another_speed_holds_from_where_the_run_is() {
+        let mut clock = clock(Speed::Paced(1.0));
+        let reach = |clock: &mut Clock, tick, now| {
+            for node in ["a", "b"] {
+                clock.accept(&status(node, tick), now).unwrap();
+            }
+        };
+        reach(&mut clock, 0, ms(0));
+        assert_eq!(clock.grant(ms(0), false).unwrap().until_tick, 1);
+        reach(&mut clock, 1, ms(1));
+        assert_eq!(clock.grant(ms(95), false).unwrap().until_tick, 10);
+        reach(&mut clock, 10, ms(96));
+        clock.set_speed(Speed::Paced(0.5), ms(100));
+        assert_eq!(clock.grant(ms(115), false), None);
+        assert_eq!(clock.grant(ms(145), false).unwrap().until_tick, 12);
+        clock.set_speed(Speed::Max, ms(150));
+        assert_eq!(clock.grant(ms(150), false).unwrap().until_tick, 42);
+        reach(&mut clock, 42, ms(160));
+        clock.set_speed(Speed::Paced(1.0), ms(200));
+        assert_eq!(clock.grant(ms(225), false).unwrap().until_tick, 44);
     }
 
     #[test]

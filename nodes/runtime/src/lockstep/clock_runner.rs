@@ -1,6 +1,7 @@
 //! Runs the clock: hears statuses, sends grants, publishes `/clock`.
 
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
@@ -9,15 +10,18 @@ use minifactory_msgs::Message;
 use minifactory_msgs::msg::{LoopGrant, LoopStatus};
 use minifactory_msgs::rosgraph_msgs::msg::Clock as ClockMessage;
 
-use super::clock::{Clock, ClockError};
+use super::clock::{Clock, ClockError, Speed};
 use super::contract::LoopContract;
 use super::hub::Hub;
 use super::links::{GRANT_TOPIC, LoopWriter, STATUS_TOPIC, read};
 use super::runner::RunError;
 use crate::cdr;
-use crate::dds::{DdsError, Participant, Qos, Reader, Writer};
+use crate::clock::Clock as NodeClock;
+use crate::dds::{Participant, Qos, Reader, Writer};
 use crate::digest::Digest;
-use crate::node::{Interface, Port, PortKind, stamp_of_ns};
+use crate::housekeeping::{Housekeeping, own_parameters};
+use crate::node::{Interface, NodeError, Port, PortKind, stamp_of_ns};
+use crate::parameters::{Declaration, Range, Store, Value};
 use crate::recording::Tap;
 
 /// Between grants that say nothing new, so that a node can tell a slow clock from a dead one.
@@ -51,6 +55,23 @@ pub struct ClockRunner {
     digest: Digest,
     tap: Option<Tap>,
     made_at: Instant,
+    speeds: Receiver<Speed>,
+    _housekeeping: Housekeeping,
+}
+
+/// The parameter that says how fast simulated time may pass.
+const SPEED: &str = "speed";
+/// The largest speed that can be asked for; 0 asks for no limit.
+const SPEED_MAX: f64 = 1000.0;
+
+/// The clock's parameters.
+fn parameters(speed: Speed) -> Result<Store, RunError> {
+    let speed = if let Speed::Paced(speed) = speed { speed.min(SPEED_MAX) } else { 0.0 };
+    let mut declarations = own_parameters(true);
+    let description = "Simulated seconds per wall second at most; 0: as fast as possible. It changes no result";
+    let range = Range::Double { from: 0.0, to: SPEED_MAX, step: 0.0 };
+    declarations.push(Declaration::new(SPEED, Value::Double(speed), description).range(range));
+    Store::new(declarations).map_err(|error| RunError::Node(NodeError::new(error)))
 }
 
 /// How the clock reaches the nodes.
@@ -85,18 +106,29 @@ pub fn clock_interface() -> Interface {
     }
 }
 
+/// Why a run ended, when the loop has broken: because a node is gone, if whoever watches them says so. Others then wait
+/// for it or complain about it, sometimes before the watcher looks.
+fn blame(end: RunEnd, watched: Result<(), String>) -> RunEnd {
+    match (&end, watched) {
+        // A node that said why it leaves has said more than that it has left.
+        (RunEnd::Clock(ClockError::NodeFailed { node, .. }), Err(gone)) if gone.starts_with(node.as_str()) => end,
+        (RunEnd::Clock(_) | RunEnd::Run(_), Err(gone)) => RunEnd::Watcher(gone),
+        _ => end,
+    }
+}
+
 impl ClockRunner {
     /// Opens the clock's end of the loop: over DDS, or in the hub of nodes that live in this process.
     ///
     /// # Errors
-    /// When DDS refuses an endpoint.
+    /// [`RunError`] when DDS refuses an endpoint.
     pub fn open(
         participant: &Participant,
         contract: &LoopContract,
         hub: Option<&Hub>,
         clock: Clock,
         digest: Digest,
-    ) -> Result<Self, DdsError> {
+    ) -> Result<Self, RunError> {
         let (sender, statuses): (Sender<LoopStatus>, _) = channel();
         let nodes = match hub {
             Some(hub) => {
@@ -113,6 +145,20 @@ impl ClockRunner {
             }
         };
         let time_port = clock_interface().ports.remove(0);
+        let (sender, speeds) = channel();
+        let accept = move |changes: &[(String, Value)]| {
+            for (name, value) in changes {
+                let speed = match (name.as_str(), value) {
+                    (SPEED, Value::Double(speed)) if *speed > 0.0 => Speed::Paced(*speed),
+                    (SPEED, _) => Speed::Max,
+                    _ => continue,
+                };
+                sender.send(speed).map_err(|_| "the run is over".to_owned())?;
+            }
+            Ok(())
+        };
+        let now: NodeClock = Arc::new(crate::clock::wall_clock);
+        let housekeeping = Housekeeping::open(participant, parameters(clock.speed())?, &now, accept)?;
         Ok(Self {
             clock,
             tick_ns: contract.timing.tick_ns,
@@ -124,6 +170,8 @@ impl ClockRunner {
             digest,
             tap: None,
             made_at: Instant::now(),
+            speeds,
+            _housekeeping: housekeeping,
         })
     }
 
@@ -155,7 +203,7 @@ impl ClockRunner {
     /// # Errors
     /// [`RunEnd`] naming the node at fault. The nodes are told to leave in any case.
     pub fn run(&mut self, stop: &AtomicBool, mut watch: impl FnMut(u64) -> Result<(), String>) -> Result<(), RunEnd> {
-        let result = self.run_to_the_end(stop, &mut watch);
+        let result = self.run_to_the_end(stop, &mut watch).map_err(|end| blame(end, watch(self.clock.tick())));
         if result.is_err() {
             let ended = LoopGrant { ended: true, ..self.clock.last_grant() };
             // The run has failed already; nodes that miss this leave when grants stop coming.
@@ -192,6 +240,9 @@ impl ClockRunner {
                 }
                 self.clock.end_early();
             }
+            for speed in self.speeds.try_iter() {
+                self.clock.set_speed(speed, self.made_at.elapsed());
+            }
             self.tell_time().map_err(RunError::Record)?;
             let renew = renewed_at.elapsed() >= RENEW_PERIOD;
             if let Some(grant) = self.clock.grant(self.made_at.elapsed(), renew || self.clock.finished()) {
@@ -225,5 +276,21 @@ impl ClockRunner {
             }
         }
         self.tap.as_mut().map_or(Ok(()), Tap::flush)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_a_dead_node_is_named_and_not_those_that_miss_it() {
+        let failed = |node: &str| {
+            RunEnd::Clock(ClockError::NodeFailed { node: node.to_owned(), message: "lost a bundle from /a".to_owned() })
+        };
+        let gone = || Err("/a is gone (signal: 9)".to_owned());
+        assert_eq!(blame(failed("/b"), gone()).to_string(), "/a is gone (signal: 9)");
+        assert!(blame(failed("/a"), gone()).to_string().starts_with("/a failed"));
+        assert!(blame(failed("/b"), Ok(())).to_string().starts_with("/b failed"));
     }
 }

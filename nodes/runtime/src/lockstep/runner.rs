@@ -10,6 +10,7 @@ use minifactory_msgs::msg::{LoopBundle, LoopGrant, LoopStatus};
 use super::contract::LoopContract;
 use super::engine::{Blocked, Engine, LoopError};
 use super::routing::{Carries, Routing};
+use crate::dds::Counter;
 use crate::digest::Digest;
 use crate::node::{
     Arrival, Asker, AskerInner, FeederNode, Interface, NodeError, Output, StepIo, split_call, with_call,
@@ -100,7 +101,7 @@ pub enum RunError {
 }
 
 /// A node in the loop, ready to run.
-pub(crate) struct Runner<N, L> {
+pub(crate) struct Runner<N: FeederNode, L> {
     node: N,
     name: String,
     run_id: u64,
@@ -120,6 +121,7 @@ pub(crate) struct Runner<N, L> {
     clock_at: Instant,
     started: bool,
     now_ns: Arc<AtomicU64>,
+    reconfigured: Option<Receiver<N::Config>>,
 }
 
 impl<N: FeederNode, L: Links> Runner<N, L> {
@@ -150,6 +152,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             status_period_ticks: (contract.timing.window_ticks / 4).max(1),
             goal_tick: LoopStatus::NO_GOAL,
             now_ns: Arc::default(),
+            reconfigured: None,
             said_at: Instant::now(),
             clock_at: Instant::now(),
             started: false,
@@ -164,6 +167,16 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
     /// Hands over what the node publishes to the run's recorder.
     pub(crate) fn recorded(self, tap: Option<Tap>) -> Self {
         Self { tap, ..self }
+    }
+
+    /// Takes over configurations that come, each before the next step.
+    pub(crate) fn reconfigured_by(self, configurations: Receiver<N::Config>) -> Self {
+        Self { reconfigured: Some(configurations), ..self }
+    }
+
+    /// Counts what cannot be decoded.
+    pub(crate) fn counted_by(self, undecodable: Arc<Counter>) -> Self {
+        Self { io: self.io.counted_by(undecodable), ..self }
     }
 
     /// Runs until the clock ends the run, and tells the clock about any failure.
@@ -278,6 +291,9 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
         let tick = self.engine.next_tick();
         self.io.begin(tick, tick * self.tick_ns);
         self.now_ns.store(self.io.now_ns(), Ordering::Relaxed);
+        for config in self.reconfigured.iter().flat_map(Receiver::try_iter) {
+            self.node.reconfigure(&config);
+        }
         self.note_what_is_wanted();
         for input in self.engine.inputs() {
             let (port, carries) = self.routing.arrivals[input.edge][usize::from(input.port)];

@@ -103,12 +103,22 @@ pub struct GoalRequest<A: Action> {
     asker: Asker,
 }
 
+impl<A: Action> GoalRequest<A> {
+    /// A number that tells the client from others.
+    #[must_use]
+    pub fn client(&self) -> u64 {
+        self.asker.client()
+    }
+}
+
 /// The server's side of an action: [`Goals`] behind ports.
 pub struct ActionServer<A: Action> {
     ports: ActionServerPorts<A>,
     goals: Goals<A::GetResultResponse, Asker>,
     /// Goals that are neither accepted nor rejected yet.
     undecided: BTreeSet<GoalId>,
+    /// Rejected goals, why, and when to forget that.
+    refused: Vec<(GoalId, A::GetResultResponse, Duration)>,
     changed: bool,
 }
 
@@ -116,12 +126,19 @@ impl<A: Action> ActionServer<A> {
     /// A server on `ports` without goals.
     #[must_use]
     pub fn new(ports: ActionServerPorts<A>) -> Self {
-        Self { ports, goals: Goals::new(RESULT_LIFETIME), undecided: BTreeSet::new(), changed: true }
+        Self {
+            ports,
+            goals: Goals::new(RESULT_LIFETIME),
+            undecided: BTreeSet::new(),
+            refused: Vec::new(),
+            changed: true,
+        }
     }
 
     /// Answers what needs no decision and returns what does. Call it once a step, before anything else.
     pub fn poll(&mut self, io: &mut StepIo) -> Vec<ServerEvent<A>> {
         self.changed |= !self.goals.expire(now(io)).is_empty();
+        self.refused.retain(|(.., forget)| *forget > now(io));
         let mut events = Vec::new();
         for (asker, request) in io.requests(&self.ports.send_goal) {
             let (id, goal): (UUID, A::Goal) = request.into();
@@ -145,8 +162,12 @@ impl<A: Action> ActionServer<A> {
             match self.goals.result(id.into(), asker) {
                 ResultOf::Known(asker, _, response) => io.reply(&self.ports.get_result, asker, response),
                 ResultOf::Unknown(asker) => {
-                    let unknown = (GoalStatus::Unknown as i8, A::Result::default()).into();
-                    io.reply(&self.ports.get_result, asker, &unknown);
+                    let refused = self.refused.iter().find(|(refused, ..)| *refused == GoalId::from(id));
+                    let response = refused.map_or_else(
+                        || (GoalStatus::Unknown as i8, A::Result::default()).into(),
+                        |(_, response, _)| response.clone(),
+                    );
+                    io.reply(&self.ports.get_result, asker, &response);
                 }
                 ResultOf::Later => {}
             }
@@ -173,6 +194,14 @@ impl<A: Action> ActionServer<A> {
         tracing::warn!("rejected goal {}: {reason}", request.id);
         self.undecided.remove(&request.id);
         io.reply(&self.ports.send_goal, request.asker, &(false, io.stamp()).into());
+    }
+
+    /// Refuses a goal and logs why, and gives `result` to a client that asks for the result all the same: the answer to
+    /// the goal has no room for a reason.
+    pub fn reject_with(&mut self, io: &mut StepIo, request: GoalRequest<A>, reason: &str, result: A::Result) {
+        let response = (GoalStatus::Aborted as i8, result).into();
+        self.refused.push((request.id, response, now(io) + RESULT_LIFETIME));
+        self.reject(io, request, reason);
     }
 
     /// Tells how far a goal is.

@@ -3,15 +3,18 @@
 use serde::Serialize;
 
 mod action;
+mod lifecycle;
 mod ports;
 mod step;
 
 use std::time::Duration;
 
 pub use crate::action::GoalId;
+use crate::parameters::Range;
 pub use action::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, ClientEvent, GoalEnd, GoalRequest, ServerEvent,
 };
+pub use lifecycle::{Lifecycle, LifecyclePorts, LifecycleState};
 pub use ports::{Client, Declare, Interface, Latency, Port, PortKind, Publisher, Server, Subscriber};
 pub(crate) use step::{Arrival, AskerInner, Output, split_call, with_call};
 pub use step::{Asker, CallId, StepIo, ns_of_stamp, stamp_of_ns};
@@ -26,6 +29,17 @@ impl NodeError {
     pub fn new(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
         Self(error.into())
     }
+}
+
+/// A value of a configuration that may be changed while its node runs.
+#[derive(Debug, Clone, Copy)]
+pub struct Settable {
+    /// Name of the parameter: the keys that lead to the value, with dots between.
+    pub name: &'static str,
+    /// What it means, and its unit.
+    pub description: &'static str,
+    /// Values it may take, when it is a number with limits.
+    pub range: Option<Range>,
 }
 
 /// A node of the feeder, or of an agent beside it.
@@ -59,6 +73,16 @@ pub trait FeederNode: Sized + Send + 'static {
     /// # Errors
     /// When the configuration cannot work.
     fn open(ports: Self::Ports, config: &Self::Config) -> Result<Self, NodeError>;
+
+    /// The values of its configuration that may be changed while it runs; all others are read-only.
+    #[must_use]
+    fn settable() -> &'static [Settable] {
+        &[]
+    }
+
+    /// Takes over a valid configuration that differs from the last one in [`settable`](Self::settable) values alone.
+    /// Called between two steps.
+    fn reconfigure(&mut self, _config: &Self::Config) {}
 
     /// Runs one tick.
     ///

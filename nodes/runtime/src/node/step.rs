@@ -1,6 +1,9 @@
 //! One step of a node: its inputs of this tick, and its outputs.
 
 use std::collections::VecDeque;
+use std::fmt;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
+use std::sync::Arc;
 
 use bytes::{Bytes, BytesMut};
 use minifactory_msgs::builtin_interfaces::msg::Time;
@@ -9,11 +12,26 @@ use minifactory_msgs::{Message, Service};
 
 use super::ports::{Client, Publisher, Server, Subscriber};
 use crate::cdr;
-use crate::dds::ReplyHandle;
+use crate::dds::{Counter, ReplyHandle};
 
 /// Who asked, so that the answer finds the way back. May be kept over many steps.
 #[derive(Debug)]
 pub struct Asker(pub(crate) AskerInner);
+
+impl Asker {
+    /// A number that tells this client from the others of the same service; two share one with a chance of 2⁻⁶⁴.
+    #[must_use]
+    pub fn client(&self) -> u64 {
+        match &self.0 {
+            AskerInner::Loop { edge, .. } => *edge as u64,
+            AskerInner::Graph(reply) => {
+                let mut hasher = DefaultHasher::new();
+                reply.client().hash(&mut hasher);
+                hasher.finish()
+            }
+        }
+    }
+}
 
 #[derive(Debug)]
 pub(crate) enum AskerInner {
@@ -21,6 +39,16 @@ pub(crate) enum AskerInner {
     Loop { edge: usize, call: u64 },
     /// A client anywhere on the graph.
     Graph(ReplyHandle),
+}
+
+impl Asker {
+    /// Gives no answer, because the request made no sense.
+    fn refuse(self, reason: &dyn fmt::Display) {
+        match self.0 {
+            AskerInner::Graph(handle) => handle.refuse(reason),
+            AskerInner::Loop { .. } => tracing::warn!("request refused: {reason}"),
+        }
+    }
 }
 
 /// Identifies a call of this node until its reply has come.
@@ -44,7 +72,7 @@ pub(crate) enum Arrival {
         little_endian: bool,
         call: CallId,
     },
-    /// No reply came in time.
+    /// No reply will come to this call.
     NoReply {
         call: CallId,
     },
@@ -68,8 +96,9 @@ pub struct StepIo {
     pub(crate) outputs: Vec<Output>,
     wanted: Vec<bool>,
     next_call: u64,
+    simulated: bool,
     pub(crate) goal_reached: bool,
-    pub(crate) undecodable: u64,
+    undecodable: Option<Arc<Counter>>,
 }
 
 impl StepIo {
@@ -82,9 +111,15 @@ impl StepIo {
             outputs: Vec::new(),
             wanted: vec![true; ports],
             next_call: 0,
+            simulated: true,
             goal_reached: false,
-            undecodable: 0,
+            undecodable: None,
         }
+    }
+
+    /// Counts what cannot be decoded.
+    pub(crate) fn counted_by(self, undecodable: Arc<Counter>) -> Self {
+        Self { undecodable: Some(undecodable), ..self }
     }
 
     pub(crate) fn begin(&mut self, tick: u64, now_ns: u64) {
@@ -112,6 +147,16 @@ impl StepIo {
     #[must_use]
     pub fn wanted<M: Message>(&self, publisher: &Publisher<M>) -> bool {
         self.wanted[publisher.port]
+    }
+
+    pub(crate) fn set_simulated(&mut self, simulated: bool) {
+        self.simulated = simulated;
+    }
+
+    /// Whether time is simulated; else the node keeps to the wall clock, as on hardware.
+    #[must_use]
+    pub fn simulated(&self) -> bool {
+        self.simulated
     }
 
     /// The tick being stepped, counted from the start of the run; against the wall clock, from the start of the node.
@@ -173,15 +218,19 @@ impl StepIo {
         }
     }
 
-    /// Takes the requests that arrived for this tick, oldest first.
+    /// Takes the requests that arrived for this tick, oldest first. One that cannot be decoded is refused and counted.
     pub fn requests<S: Service>(&mut self, server: &Server<S>) -> Vec<(Asker, S::Request)> {
         let arrivals: Vec<Arrival> = self.arrivals[server.port].drain(..).collect();
         arrivals
             .into_iter()
             .filter_map(|arrival| match arrival {
-                Arrival::Request { payload, little_endian, asker } => {
-                    self.decode(&payload, little_endian).map(|request| (asker, request))
-                }
+                Arrival::Request { payload, little_endian, asker } => match cdr::decode(&payload, little_endian) {
+                    Ok(request) => Some((asker, request)),
+                    Err(error) => {
+                        asker.refuse(&error);
+                        None
+                    }
+                },
                 Arrival::Message { .. } | Arrival::Reply { .. } | Arrival::NoReply { .. } => None,
             })
             .collect()
@@ -210,8 +259,9 @@ impl StepIo {
         answers.into_iter().filter_map(|(call, response)| Some((call, response?))).collect()
     }
 
-    /// Takes the ends of calls for this tick: the reply, or nothing for a call that got none that can be read. In a
-    /// simulated run every call gets its reply.
+    /// Takes the ends of calls for this tick: the reply, or nothing where none will come: no server was found in time, or
+    /// its reply was lost or makes no sense. Whether the server has acted on such a request is not known. Between nodes
+    /// of a loop every call gets its reply.
     pub fn answers<S: Service>(&mut self, client: &Client<S>) -> Vec<(CallId, Option<S::Response>)> {
         let arrivals: Vec<Arrival> = self.arrivals[client.port].drain(..).collect();
         arrivals
@@ -233,7 +283,9 @@ impl StepIo {
         match cdr::decode(payload, little_endian) {
             Ok(message) => Some(message),
             Err(error) => {
-                self.undecodable += 1;
+                if let Some(counter) = &self.undecodable {
+                    counter.add(1);
+                }
                 tracing::warn!("dropped a {} of {} bytes: {error}", M::INFO.ros_type(), payload.len());
                 None
             }

@@ -1,7 +1,9 @@
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
 
 use minifactory_msgs::{
-    Message,
+    Message, Service,
     rcl_interfaces::{
         msg::{Parameter, ParameterDescriptor, ParameterEvent, ParameterValue, SetParametersResult},
         srv::{
@@ -21,22 +23,63 @@ use crate::{
 /// What ROS 2 offers for `/parameter_events`.
 const EVENTS_QOS: Qos = Qos { depth: 1_000, ..Qos::command() };
 
+/// Requests that may wait for an answer; more are refused.
+const WAITING_MAX: usize = 256;
+
 /// Asked about changes before they are made.
 type Accept = Box<dyn FnMut(&[(String, Value)]) -> Result<(), String> + Send>;
 
 /// A node's parameters on offer, until dropped.
 pub struct ParameterServer {
     // Dropped in this order: nothing is set of which nobody could be told.
-    _services: [Server; 6],
+    services: Vec<Server>,
     _events: Writer,
     shared: Arc<Shared>,
+    worker: Option<JoinHandle<()>>,
+}
+
+impl Drop for ParameterServer {
+    fn drop(&mut self) {
+        // The thread ends with the last sender of jobs, which the services own.
+        self.services.clear();
+        if self.worker.take().is_some_and(|worker| worker.join().is_err()) {
+            tracing::error!("the thread of the parameters had panicked");
+        }
+    }
+}
+
+/// A request on its way to the thread that answers it.
+type Job = Box<dyn FnOnce() + Send>;
+
+/// Where requests are taken, to be answered on a thread of their own: a check may take long, and the participant's
+/// thread must not wait for it.
+struct Desk<'a> {
+    participant: &'a Participant,
+    jobs: SyncSender<Job>,
+    shared: &'a Arc<Shared>,
+}
+
+impl Desk<'_> {
+    fn offer<S: Service>(
+        &self,
+        service: &str,
+        answer: fn(&Shared, S::Request) -> S::Response,
+    ) -> Result<Server, DdsError> {
+        let (jobs, shared) = (self.jobs.clone(), Arc::clone(self.shared));
+        let name = format!("{}/{service}", shared.node);
+        self.participant.serve_later::<S>(&name.clone(), move |request, responder| {
+            let shared = Arc::clone(&shared);
+            if jobs.try_send(Box::new(move || responder.send(&answer(&shared, request)))).is_err() {
+                tracing::warn!("{name}: a request is dropped, {WAITING_MAX} wait already");
+            }
+        })
+    }
 }
 
 impl ParameterServer {
     /// Offers the parameters of a participant's node. `accept` is asked about changes that the declarations
-    /// allow, before they are made, and may refuse them with a reason; it runs on the participant's
-    /// thread, or on that which calls [`set`](Self::set), must return soon (see [`crate::dds`]), and
-    /// must not use this server.
+    /// allow, before they are made, and may refuse them with a reason; it runs on a thread of this server,
+    /// or on that which calls [`set`](Self::set), and must not use this server.
     ///
     /// # Errors
     /// [`DdsError::Endpoint`] when the middleware refuses.
@@ -54,56 +97,45 @@ impl ParameterServer {
             node: node.clone(),
             clock,
         });
-        let name = |service: &str| format!("{node}/{service}");
-        let services = [
-            participant.serve::<ListParameters>(&name("list_parameters"), {
-                let shared = shared.clone();
-                move |request| ListParametersResponse { result: shared.state().store.list(&request) }
+        let (jobs, queue) = sync_channel::<Job>(WAITING_MAX);
+        let worker = thread::Builder::new()
+            .name(format!("parameters {}", participant.node().name()))
+            .spawn(move || queue.iter().for_each(|job| job()))
+            .map_err(|error| DdsError::Endpoint { what: "thread", name: node.clone(), reason: error.to_string() })?;
+        let desk = Desk { participant, jobs, shared: &shared };
+        let services = vec![
+            desk.offer::<ListParameters>("list_parameters", |shared, request| ListParametersResponse {
+                result: shared.state().store.list(&request),
             })?,
-            participant.serve::<GetParameters>(&name("get_parameters"), {
-                let shared = shared.clone();
-                move |request| {
-                    let state = shared.state();
-                    let value = |name: &String| state.store.get(name).map(Value::to_message).unwrap_or_default();
-                    GetParametersResponse { values: request.names.iter().map(value).collect() }
-                }
+            desk.offer::<GetParameters>("get_parameters", |shared, request| {
+                let state = shared.state();
+                let value = |name: &String| state.store.get(name).map(Value::to_message).unwrap_or_default();
+                GetParametersResponse { values: request.names.iter().map(value).collect() }
             })?,
-            participant.serve::<GetParameterTypes>(&name("get_parameter_types"), {
-                let shared = shared.clone();
-                move |request| {
-                    let state = shared.state();
-                    let kind = |name: &String| state.store.get(name).map_or(0, |value| value.kind() as u8);
-                    GetParameterTypesResponse { types: request.names.iter().map(kind).collect() }
-                }
+            desk.offer::<GetParameterTypes>("get_parameter_types", |shared, request| {
+                let state = shared.state();
+                let kind = |name: &String| state.store.get(name).map_or(0, |value| value.kind() as u8);
+                GetParameterTypesResponse { types: request.names.iter().map(kind).collect() }
             })?,
-            participant.serve::<DescribeParameters>(&name("describe_parameters"), {
-                let shared = shared.clone();
-                move |request| {
-                    let state = shared.state();
-                    let describe = |name: String| {
-                        let unknown = || ParameterDescriptor { name: name.clone(), ..Default::default() };
-                        state.store.descriptor(&name).unwrap_or_else(unknown)
-                    };
-                    DescribeParametersResponse { descriptors: request.names.into_iter().map(describe).collect() }
-                }
+            desk.offer::<DescribeParameters>("describe_parameters", |shared, request| {
+                let state = shared.state();
+                let describe = |name: String| {
+                    let unknown = || ParameterDescriptor { name: name.clone(), ..Default::default() };
+                    state.store.descriptor(&name).unwrap_or_else(unknown)
+                };
+                DescribeParametersResponse { descriptors: request.names.into_iter().map(describe).collect() }
             })?,
-            participant.serve::<SetParameters>(&name("set_parameters"), {
-                let shared = shared.clone();
-                move |request| {
-                    let set_one = |parameter| result(shared.set_messages(vec![parameter]));
-                    SetParametersResponse { results: request.parameters.into_iter().map(set_one).collect() }
-                }
+            desk.offer::<SetParameters>("set_parameters", |shared, request| {
+                let set_one = |parameter| result(shared.set_messages(vec![parameter]));
+                SetParametersResponse { results: request.parameters.into_iter().map(set_one).collect() }
             })?,
-            participant.serve::<SetParametersAtomically>(&name("set_parameters_atomically"), {
-                let shared = shared.clone();
-                move |request| SetParametersAtomicallyResponse {
-                    result: result(shared.set_messages(request.parameters)),
-                }
+            desk.offer::<SetParametersAtomically>("set_parameters_atomically", |shared, request| {
+                SetParametersAtomicallyResponse { result: result(shared.set_messages(request.parameters)) }
             })?,
         ];
         let new_parameters = shared.state().store.messages();
         shared.tell(new_parameters, Vec::new());
-        Ok(Self { _services: services, _events: events, shared })
+        Ok(Self { services, _events: events, shared, worker: Some(worker) })
     }
 
     /// The value of a parameter now.
@@ -150,10 +182,15 @@ impl Shared {
         self.set(parameters.into_iter().map(read).collect::<Result<_, _>>()?)
     }
 
-    fn set(&self, changes: Vec<(String, Value)>) -> Result<(), String> {
+    fn set(&self, mut changes: Vec<(String, Value)>) -> Result<(), String> {
         let mut state = self.state();
         let State { store, accept } = &mut *state;
         changes.iter().try_for_each(|(name, value)| store.check(name, value))?;
+        // A read-only one was "set" to the value it has.
+        changes.retain(|(name, _)| !store.is_read_only(name));
+        if changes.is_empty() {
+            return Ok(());
+        }
         accept(&changes)?;
         store.set(&changes)?;
         // Told under the lock, so that news come in the order of the changes.

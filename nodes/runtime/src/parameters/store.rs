@@ -25,12 +25,14 @@ pub enum ParameterError {
         reason: String,
     },
     /// A value was given to a parameter that does not exist.
-    #[error("there is no parameter {name}; there are: {known}")]
+    #[error("there is no parameter {name}; there are {count}, {like_it}")]
     Undeclared {
         /// The name.
         name: String,
-        /// The names that exist.
-        known: String,
+        /// How many there are.
+        count: usize,
+        /// Those with a similar name.
+        like_it: String,
     },
     /// A parameter cannot be set to the given value.
     #[error("parameter {name} cannot be {value}: {reason}")]
@@ -57,14 +59,11 @@ struct Entry {
 }
 
 impl Store {
-    /// Declares the parameters and sets those for which a value is given, read-only ones too.
+    /// Declares parameters.
     ///
     /// # Errors
     /// [`ParameterError`] names the parameter and the reason.
-    pub fn new(
-        declarations: impl IntoIterator<Item = Declaration>,
-        given: &BTreeMap<String, Value>,
-    ) -> Result<Self, ParameterError> {
+    pub fn new(declarations: impl IntoIterator<Item = Declaration>) -> Result<Self, ParameterError> {
         let mut entries = BTreeMap::new();
         for declaration in declarations {
             let name = declaration.name.clone();
@@ -76,18 +75,33 @@ impl Store {
                 return Err(ParameterError::Twice { name });
             }
         }
-        for (name, value) in given {
-            let Some(entry) = entries.get_mut(name) else {
-                let known = entries.into_keys().collect::<Vec<_>>().join(", ");
-                return Err(ParameterError::Undeclared { name: name.clone(), known });
-            };
-            let value = value.clone().fit_empty_array(entry.declaration.default.kind());
-            if let Err(reason) = entry.declaration.check(&value) {
-                return Err(ParameterError::Refused { name: name.clone(), value: value.to_string(), reason });
-            }
-            entry.value = value;
-        }
         Ok(Self { entries })
+    }
+
+    /// Sets a parameter before its node runs, when a read-only one can be set too.
+    ///
+    /// # Errors
+    /// [`ParameterError`] names the parameter and the reason.
+    pub fn give(&mut self, name: &str, value: &Value) -> Result<(), ParameterError> {
+        let Some(entry) = self.entries.get_mut(name) else {
+            let (count, like_it) = (self.entries.len(), self.like(name));
+            return Err(ParameterError::Undeclared { name: name.to_owned(), count, like_it });
+        };
+        let value = value.clone().fit_empty_array(entry.declaration.default.kind());
+        if let Err(reason) = entry.declaration.check(&value) {
+            return Err(ParameterError::Refused { name: name.to_owned(), value: value.to_string(), reason });
+        }
+        entry.value = value;
+        Ok(())
+    }
+
+    /// The parameters whose names are nearly `name`.
+    fn like(&self, name: &str) -> String {
+        let likeness = |known: &&str| strsim::jaro_winkler(known, name);
+        let mut like_it: Vec<&str> = self.entries.keys().map(String::as_str).filter(|k| likeness(k) > 0.8).collect();
+        like_it.sort_by(|a, b| likeness(b).total_cmp(&likeness(a)));
+        like_it.truncate(3);
+        if like_it.is_empty() { "none like it".to_owned() } else { format!("like it {}", like_it.join(", ")) }
     }
 
     /// The value of a parameter.
@@ -101,13 +115,22 @@ impl Store {
         self.entries.iter().map(|(name, entry)| (name.as_str(), &entry.value))
     }
 
-    /// Whether a running node's parameter may be set to a value.
+    /// Whether a parameter cannot be set while its node runs.
+    pub(super) fn is_read_only(&self, name: &str) -> bool {
+        self.entries.get(name).is_some_and(|entry| entry.declaration.read_only)
+    }
+
+    /// Whether a running node's parameter may be set to a value; a read-only one only to the value it has.
     ///
     /// # Errors
     /// The reason, for whoever wants to set it.
     pub fn check(&self, name: &str, value: &Value) -> Result<(), String> {
         let entry = self.entries.get(name).ok_or_else(|| format!("parameter {name} is not declared"))?;
         if entry.declaration.read_only {
+            // So that what was dumped can be loaded again.
+            if *value == entry.value {
+                return Ok(());
+            }
             return Err(format!("parameter {name} is read-only: it can be set at the start of the node"));
         }
         entry.declaration.check(value).map_err(|reason| format!("parameter {name}: {reason}"))
@@ -181,36 +204,39 @@ mod tests {
     }
 
     fn store() -> Store {
-        Store::new(declarations(), &BTreeMap::new()).expect("sound declarations")
+        Store::new(declarations()).expect("sound declarations")
     }
 
-    fn given(name: &str, value: Value) -> Result<Store, ParameterError> {
-        Store::new(declarations(), &BTreeMap::from([(name.to_owned(), value)]))
+    fn given(name: &str, value: &Value) -> Result<Store, ParameterError> {
+        let mut store = store();
+        store.give(name, value).map(|()| store)
     }
 
     #[test]
     fn values_given_at_the_start_are_taken_or_refused_by_name() {
         assert_eq!(
-            given("camera.rows", Value::Integer(16)).expect("allowed").get("camera.rows"),
+            given("camera.rows", &Value::Integer(16)).expect("allowed").get("camera.rows"),
             Some(&Value::Integer(16))
         );
-        let empty = given("gains", Value::Texts(vec![])).expect("an empty array has no type of its own");
+        let empty = given("gains", &Value::Texts(vec![])).expect("an empty array has no type of its own");
         assert_eq!(empty.get("gains"), Some(&Value::Doubles(vec![])));
         for (name, value, says) in [
-            ("rate", Value::Double(1.0), "there are: camera.lens.name, camera.rows, gains, on, rate_hz"),
+            ("rate", Value::Double(1.0), "there is no parameter rate; there are 5, like it rate_hz"),
+            ("camera.row", Value::Double(1.0), "there are 5, like it camera.rows"),
+            ("lens", Value::Double(1.0), "none like it"),
             ("rate_hz", Value::Integer(1), "rate_hz cannot be 1: 1 is not a double (write 1.0, not 1)"),
             ("rate_hz", Value::Double(0.1), "0.1 is not in 0.5 … 100.0 in steps of 0.1"),
             ("rate_hz", Value::Double(f64::NAN), "NaN is not in"),
             ("rate_hz", Value::Double(0.55), "in steps of 0.1"),
             ("camera.rows", Value::Integer(17), "17 is not in 16 … 4096 in steps of 16"),
         ] {
-            let message = given(name, value).expect_err(says).to_string();
+            let message = given(name, &value).expect_err(says).to_string();
             assert!(message.contains(says), "{message}");
         }
         let twice = [declarations()[4].clone(), declarations()[4].clone()];
-        assert!(matches!(Store::new(twice, &BTreeMap::new()), Err(ParameterError::Twice { .. })));
+        assert!(matches!(Store::new(twice), Err(ParameterError::Twice { .. })));
         let bad = Declaration { default: Value::Double(0.0), ..declarations()[0].clone() };
-        assert!(matches!(Store::new([bad], &BTreeMap::new()), Err(ParameterError::Default { .. })));
+        assert!(matches!(Store::new([bad]), Err(ParameterError::Default { .. })));
     }
 
     #[test]
@@ -230,6 +256,7 @@ mod tests {
             assert!(reason.contains(&name), "{reason}");
             assert_eq!(store.get("rate_hz"), Some(&Value::Double(20.3)));
         }
+        store.set(&[change("camera.rows", Value::Integer(480))]).expect("it has this value already");
     }
 
     #[test]

@@ -38,7 +38,7 @@ fn serve(participant: &Participant) -> ParameterServer {
         number("high", 5.0).constraints("above low"),
         Declaration::new("seed", Value::Integer(7), "Seed").read_only(),
     ];
-    let store = Store::new(declarations, &BTreeMap::new()).expect("sound");
+    let store = Store::new(declarations).expect("sound");
     let mut bounds = BTreeMap::from([("low".to_owned(), 1.0), ("high".to_owned(), 5.0)]);
     let accept = move |changes: &[(String, Value)]| {
         let mut wanted = bounds.clone();

@@ -1,0 +1,9 @@
+//! Bags from outside the crate.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+mod compare;
+mod damaged;
+mod graph;
+mod round_trip;
