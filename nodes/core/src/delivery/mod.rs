@@ -9,6 +9,7 @@
 pub mod choice;
 mod config;
 mod drift;
+mod held;
 mod hold;
 mod leases;
 mod legs;

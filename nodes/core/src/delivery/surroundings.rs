@@ -158,7 +158,7 @@ fn nearest(reached: &[(f64, usize, bool)]) -> Option<usize> {
     open.min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0)).map(|(index, _)| index)
 }
 
-/// Largest distance of a point from a polyline, m.
+/// Distance of a point from a polyline, m.
 pub(super) fn distance_to_line_m(point: &Vector2<f64>, line: &[Vector2<f64>]) -> f64 {
     let pieces = line.windows(2).map(|pair| segment_distance_m((pair[0], pair[1]), (*point, *point)));
     pieces.fold(f64::INFINITY, f64::min)

@@ -59,9 +59,9 @@ impl Scenario {
         if self.recipes.is_empty() {
             return vec![Recipe { name: self.part.name.clone(), pose_classes: all(), waveform: None }];
         }
-        let spelled = self.recipes.iter().map(|recipe| match recipe.pose_classes.is_empty() {
-            true => Recipe { pose_classes: all(), ..recipe.clone() },
-            false => recipe.clone(),
+        let spelled = self.recipes.iter().map(|recipe| {
+            let given = recipe.pose_classes.clone();
+            Recipe { pose_classes: if given.is_empty() { all() } else { given }, ..recipe.clone() }
         });
         spelled.collect()
     }

@@ -2,21 +2,20 @@
 
 mod carrying;
 mod feeding;
+mod inputs;
 
 use std::collections::VecDeque;
-use std::f64::consts::TAU;
 use std::time::Duration;
 
 use nalgebra::{Vector2, Vector3};
 
-use super::choice::{CandidateFrame, Choice, courier_under, fitting};
+use super::choice::{CandidateFrame, Choice, fitting};
 use super::config::{DeliveryConfig, Strategy};
 use super::drift::Drift;
 use super::leases::Leases;
 use super::plan::MovePlanner;
 use super::protocol::{
-    CourierReport, Delivered, DeliveryId, DeliveryRequest, Failure, HandOver, LeaseAnswer, MoveId, Output, Phase,
-    Refusal, ReserveId, Stamp, Warning,
+    CourierReport, Delivered, DeliveryId, DeliveryRequest, Failure, HandOver, MoveId, Output, Phase, Stamp, Warning,
 };
 use super::tour::{Open, Overheads, Stop};
 use crate::courier::{CourierLimits, Load};
@@ -193,140 +192,6 @@ impl DeliverySequencer {
     #[must_use]
     pub fn is_connected(&self) -> bool {
         self.courier.is_some()
-    }
-
-    /// Takes a request that came at `now`.
-    ///
-    /// # Errors
-    /// A station that is unknown or out of reach, a tolerance that cannot be promised, or a planner in fault.
-    pub fn request(&mut self, now: Stamp, request: DeliveryRequest) -> Result<DeliveryId, Refusal> {
-        if let State::Fault { reason } = &self.state {
-            return Err(Refusal::Fault(reason.clone()));
-        }
-        let Some(&station_m) = self.config.stations_m.get(&request.station) else {
-            let known = self.config.stations_m.keys().cloned().collect();
-            return Err(Refusal::UnknownStation { station: request.station, known });
-        };
-        let (tolerance_m, min_m) = (request.tolerance_m, self.config.tolerance_m_min);
-        if !(tolerance_m.is_finite() && tolerance_m >= min_m) {
-            return Err(Refusal::Tolerance { tolerance_m, min_m });
-        }
-        let beyond_m = self.planner.distance_to_reach_m(&station_m) - self.planner.tray().outer_radius_m;
-        if beyond_m > 0.0 {
-            return Err(Refusal::OutOfReach { station: request.station, beyond_m });
-        }
-        if !self.can_serve(&station_m) {
-            return Err(Refusal::Blocked { station: request.station });
-        }
-        self.deliveries += 1;
-        let id = DeliveryId(self.deliveries);
-        let deadline = request.timeout.map(|timeout| now.saturating_add(timeout));
-        self.queue.push_back(Delivery { id, request, station_m, deadline });
-        Ok(id)
-    }
-
-    /// Whether some point of the plateau can be brought under a tool axis.
-    fn can_serve(&self, station_m: &Vector2<f64>) -> bool {
-        const STEPS: u32 = 16;
-        let tray = self.planner.tray();
-        let (inner_m, outer_m) = (tray.inner_radius_m, tray.outer_radius_m);
-        (0..=STEPS).any(|angle| {
-            let angle_rad = tray.ramp_angle_rad + (TAU - tray.ramp_angle_rad) * f64::from(angle) / f64::from(STEPS);
-            (0..=STEPS).any(|radius| {
-                let radius_m = inner_m + (outer_m - inner_m) * f64::from(radius) / f64::from(STEPS);
-                let point_m = Vector2::new(angle_rad.cos(), angle_rad.sin()) * radius_m;
-                let stand = courier_under(station_m, &point_m, self.config.feeding_place.z);
-                self.planner.check_stand(&stand).is_ok()
-            })
-        })
-    }
-
-    /// Gives a request up. Says whether it was still open; one whose part has been taken is past that.
-    pub fn cancel(&mut self, now: Stamp, id: DeliveryId) -> bool {
-        self.give_up(now, id, Failure::Cancelled)
-    }
-
-    /// Takes the manipulator's report on the part presented to it.
-    ///
-    /// # Errors
-    /// The delivery does not wait for such a report: first the part is taken or not, then the feeder is released.
-    pub fn report_hand_over(&mut self, id: DeliveryId, report: HandOver) -> Result<(), Refusal> {
-        let State::Presented { stops, taken, .. } = &self.state else { return Err(Refusal::NotPresented(id)) };
-        let first_came = taken.is_some() || !self.hand_over.is_empty();
-        let expected = first_came == (report == HandOver::Released);
-        if !(expected && stops.front().is_some_and(|planned| planned.stop.id == id)) {
-            return Err(Refusal::NotPresented(id));
-        }
-        self.hand_over.push_back(report);
-        Ok(())
-    }
-
-    /// Feeds until the plateau is empty, at most for `timeout`; [`Output::Purged`] tells the end.
-    ///
-    /// # Errors
-    /// Deliveries are open, the courier is not at rest at the feeding place, or the planner is in fault.
-    pub fn purge(&mut self, now: Stamp, timeout: Duration) -> Result<(), Refusal> {
-        self.check_free()?;
-        let there = self.courier.is_some_and(|report| self.at_feeding_place(&report));
-        if !(matches!(self.state, State::Idle) && there) {
-            return Err(Refusal::NotIdle(self.phase()));
-        }
-        let deadline = now.saturating_add(timeout);
-        self.enter(State::Purging { since: now, deadline, empty: 0, seen: None }, None);
-        Ok(())
-    }
-
-    /// Whether nothing is under way, so that what is fed may change.
-    ///
-    /// # Errors
-    /// Deliveries are open, or the planner is in fault.
-    pub fn check_free(&self) -> Result<(), Refusal> {
-        match (&self.state, self.queue.len()) {
-            (State::Fault { reason }, _) => Err(Refusal::Fault(reason.clone())),
-            (_, 0) => Ok(()),
-            (_, open) => Err(Refusal::Busy(open)),
-        }
-    }
-
-    /// Takes what vision saw; a frame older than the last one is ignored.
-    pub fn candidates(&mut self, frame: CandidateFrame) {
-        if self.frame.as_ref().is_none_or(|last| frame.stamp > last.stamp) {
-            self.frame = Some(frame);
-        }
-    }
-
-    /// Takes the courier's state; a report older than the last one is ignored.
-    pub fn courier(&mut self, report: CourierReport) {
-        if self.courier.is_none_or(|last| report.stamp > last.stamp) {
-            let at_rest = !report.moving && !report.vibrating;
-            self.rest_since = at_rest.then(|| self.rest_since.unwrap_or(report.stamp));
-            self.courier = Some(report);
-        }
-    }
-
-    /// Takes the generator's refusal to switch feeding.
-    pub fn feed_refused(&mut self, reason: String) {
-        self.feed_refusal = Some(reason);
-    }
-
-    /// Takes the end of a move: reached, or the driver's reason why not.
-    pub fn move_ended(&mut self, id: MoveId, result: Result<(), String>) {
-        self.move_ended = Some((id, result));
-    }
-
-    /// Takes the arbiter's answer to a request for an area.
-    pub fn area_answered(&mut self, id: ReserveId, answer: LeaseAnswer) {
-        if let Some(reason) = self.leases.answered(id, answer, &mut self.outputs) {
-            self.outputs.push(Output::Warning(Warning::NoParking(reason.clone())));
-            self.enter(State::Fault { reason: Warning::NoParking(reason).to_string() }, None);
-        }
-    }
-
-    /// Leaves the fault.
-    pub fn reset(&mut self) {
-        if matches!(self.state, State::Fault { .. }) {
-            self.enter(State::Idle, None);
-        }
     }
 
     /// Acts on what was reported until `now`.
