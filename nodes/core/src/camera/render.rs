@@ -1,14 +1,21 @@
 //! Takes the picture.
 
 use image::GrayImage;
-use nalgebra::Isometry2;
+use nalgebra::{Isometry2, Point2, Vector2};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 use super::noise::NoiseTable;
 use super::parts::PartPainter;
 use super::tray::TrayPainter;
-use super::{CameraModel, InvalidValue, LightModel, MountedTray, PartAppearance, PartView, TrayAppearance, require};
+use super::{CameraModel, InvalidValue, LightModel, MountedTray, PartSolid, PartView, TrayAppearance, grey_level, require, single};
+
+/// The exposure for which [`LightModel::white_level`] is stated, s.
+const NOMINAL_EXPOSURE_S: f64 = 0.000_5;
+/// Motion of the tray's picture during the exposure up to which the tray is drawn sharp, px, and the most pictures that are
+/// averaged where it moves further.
+const SHARP_PX: f64 = 0.5;
+const SUB_SHOTS_MAX: f64 = 8.0;
 
 /// The sensor behind the lens.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -16,33 +23,94 @@ use super::{CameraModel, InvalidValue, LightModel, MountedTray, PartAppearance, 
 pub struct SensorModel {
     /// Standard deviation of the Gaussian noise, grey levels of 255.
     pub noise_sigma_levels: f64,
+    /// How long the shutter is open, s. Brightness grows with it, and so does the blur of what moves.
+    pub exposure_s: f64,
 }
 
 impl Default for SensorModel {
     fn default() -> Self {
-        Self { noise_sigma_levels: 2.0 }
+        Self { noise_sigma_levels: 2.0, exposure_s: NOMINAL_EXPOSURE_S }
+    }
+}
+
+impl SensorModel {
+    /// Checks every number.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidValue`] naming the field out of range.
+    pub fn validate(&self) -> Result<(), InvalidValue> {
+        let sigma = self.noise_sigma_levels;
+        require((0.0..=40.0).contains(&sigma), "sensor.noise_sigma_levels", sigma, "0 to 40")?;
+        let exposure_ok = (1e-6..=1.0).contains(&self.exposure_s);
+        require(exposure_ok, "sensor.exposure_s", self.exposure_s, "1e-6 to 1 s")
     }
 }
 
 /// Everything a picture depends on that does not move.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// The camera.
     pub camera: CameraModel,
     /// The tray and its mounting.
     pub tray: MountedTray,
-    /// How tray and platen look.
-    #[serde(default)]
+    /// How the tray looks.
     pub tray_appearance: TrayAppearance,
-    /// How the parts look.
-    pub part: PartAppearance,
+    /// The parts.
+    pub part: PartSolid,
     /// The light.
-    #[serde(default)]
     pub light: LightModel,
     /// The sensor.
-    #[serde(default)]
     pub sensor: SensorModel,
+}
+
+impl Scene {
+    /// Checks every number.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidValue`] naming the field of the scene that is out of range, or the camera if it hangs lower than twice
+    /// the height of the tray's walls.
+    pub fn validate(&self) -> Result<(), InvalidValue> {
+        self.tray.validate()?;
+        self.tray_appearance.validate()?;
+        self.part.validate()?;
+        self.light.validate()?;
+        self.sensor.validate()?;
+        let height_m = self.camera.pose().height_m;
+        let clears = height_m >= 2.0 * (self.tray.wall_top_m() + self.part.height_m_max());
+        require(clears, "camera.pose.height_m", height_m, "at least twice the height of the tray's walls")
+    }
+}
+
+/// The tray while a picture is taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrayShot {
+    /// Pose of the tray in the middle of the exposure.
+    pub platen_from_tray: Isometry2<f64>,
+    /// Velocity of its centre over the platen, m/s.
+    pub velocity_m_s: Vector2<f64>,
+    /// How fast it turns, rad/s.
+    pub yaw_rate_rad_s: f64,
+}
+
+impl TrayShot {
+    /// A tray at rest.
+    #[must_use]
+    pub fn still(platen_from_tray: Isometry2<f64>) -> Self {
+        Self { platen_from_tray, velocity_m_s: Vector2::zeros(), yaw_rate_rad_s: 0.0 }
+    }
+
+    /// Velocity over the platen of a point of the tray, m/s.
+    pub(super) fn velocity_at(&self, in_tray: Point2<f64>) -> Vector2<f64> {
+        let arm = self.platen_from_tray.rotation * in_tray.coords;
+        self.velocity_m_s + Vector2::new(-arm.y, arm.x) * self.yaw_rate_rad_s
+    }
+
+    fn after(&self, seconds: f64) -> Isometry2<f64> {
+        let turn = self.platen_from_tray.rotation.angle() + self.yaw_rate_rad_s * seconds;
+        Isometry2::new(self.platen_from_tray.translation.vector + self.velocity_m_s * seconds, turn)
+    }
 }
 
 /// Renders mono pictures of the tray and its parts. The same inputs give the same bytes.
@@ -51,8 +119,9 @@ pub struct Renderer {
     tray: TrayPainter,
     parts: PartPainter,
     noise: NoiseTable,
-    width_px: u32,
-    height_px: u32,
+    camera: CameraModel,
+    mounted: MountedTray,
+    exposure_s: f64,
 }
 
 impl Renderer {
@@ -60,36 +129,29 @@ impl Renderer {
     ///
     /// # Errors
     ///
-    /// [`InvalidValue`] naming the field of the scene that is out of range, or the camera if it hangs lower than twice
-    /// the height of the tray's walls.
+    /// As [`Scene::validate`].
     pub fn new(scene: &Scene) -> Result<Self, InvalidValue> {
-        scene.tray.validate()?;
-        scene.tray_appearance.validate()?;
-        scene.part.validate()?;
-        scene.light.validate()?;
-        let sigma = scene.sensor.noise_sigma_levels;
-        require((0.0..=40.0).contains(&sigma), "sensor.noise_sigma_levels", sigma, "0 to 40")?;
-        let height_m = scene.camera.pose().height_m;
-        let clears = height_m >= 2.0 * (scene.tray.wall_top_m() + scene.part.thickness_m);
-        require(clears, "camera.pose.height_m", height_m, "at least twice the height of the tray's walls")?;
+        scene.validate()?;
+        let mut scene = scene.clone();
+        scene.light.white_level *= scene.sensor.exposure_s / NOMINAL_EXPOSURE_S;
         Ok(Self {
-            tray: TrayPainter::new(scene),
-            parts: PartPainter::new(scene),
-            noise: NoiseTable::new(sigma, scene.camera.width_px() as usize),
-            width_px: scene.camera.width_px(),
-            height_px: scene.camera.height_px(),
+            tray: TrayPainter::new(&scene),
+            parts: PartPainter::new(&scene),
+            noise: NoiseTable::new(scene.sensor.noise_sigma_levels, scene.camera.width_px() as usize),
+            camera: scene.camera,
+            mounted: scene.tray,
+            exposure_s: scene.sensor.exposure_s,
         })
     }
 
-    /// Renders the tray at `platen_from_tray` with these parts into `image`, which takes the camera's size. `noise` deals
-    /// out the sensor noise.
+    /// Renders the tray with these parts into `image`, which takes the camera's size. `noise` deals out the sensor noise.
     ///
     /// # Errors
     ///
-    /// [`InvalidValue`] if a part lies in a resting pose whose look is not described, or at no finite place.
+    /// [`InvalidValue`] if a part lies in a resting pose that the scene does not know, or at no finite place.
     pub fn render(
         &self,
-        platen_from_tray: &Isometry2<f64>,
+        shot: &TrayShot,
         parts: &[PartView],
         noise: &mut impl Rng,
         image: &mut GrayImage,
@@ -97,13 +159,38 @@ impl Renderer {
         for part in parts {
             self.parts.check(part)?;
         }
-        if image.dimensions() != (self.width_px, self.height_px) {
-            *image = GrayImage::new(self.width_px, self.height_px);
+        let (width_px, height_px) = (self.camera.width_px(), self.camera.height_px());
+        if image.dimensions() != (width_px, height_px) {
+            *image = GrayImage::new(width_px, height_px);
         }
-        self.tray.paint(platen_from_tray, image);
-        self.parts.paint(platen_from_tray, parts, image);
-        self.noise.add(noise, self.width_px as usize, image);
+        self.paint_tray(shot, image);
+        self.parts.paint(shot, self.exposure_s, parts, image);
+        self.noise.add(noise, width_px as usize, image);
         Ok(())
+    }
+
+    /// Paints platen and tray, averaged over the exposure where they move.
+    fn paint_tray(&self, shot: &TrayShot, image: &mut GrayImage) {
+        let rim_m_s = shot.velocity_m_s.norm() + shot.yaw_rate_rad_s.abs() * self.mounted.geometry.outer_radius_m;
+        let motion_px = rim_m_s * self.exposure_s / self.camera.m_per_px(self.mounted.plateau_height_m());
+        let count = (motion_px / SHARP_PX).ceil().clamp(1.0, SUB_SHOTS_MAX);
+        if count <= 1.0 {
+            self.tray.paint(&shot.platen_from_tray, image);
+            return;
+        }
+        let mut sums = vec![0_u16; image.len()];
+        let mut index = 0.5;
+        while index < count {
+            self.tray.paint(&shot.after((index / count - 0.5) * self.exposure_s), image);
+            for (sum, pixel) in sums.iter_mut().zip(image.iter()) {
+                *sum += u16::from(*pixel);
+            }
+            index += 1.0;
+        }
+        let scale = 1.0 / single(count);
+        for (pixel, sum) in image.iter_mut().zip(sums) {
+            *pixel = grey_level(f32::from(sum) * scale);
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! What on the plateau is not plateau: background, foreground, blobs.
 
 use image::GrayImage;
-use nalgebra::{Point2, SMatrix, SVector, Vector2};
+use nalgebra::{Point2, SMatrix, SVector};
 
 use super::ImageFault;
 use super::blobs::Blobs;
@@ -21,22 +21,29 @@ const BACKGROUND_RATIO_MIN: f64 = 0.15;
 const CLIPPED_RATIO_MAX: f64 = 0.5;
 /// Foreground differs from background by more than this many standard deviations of the background.
 const SIGMAS: f32 = 5.0;
-/// Gradient of an edge, in grey levels per pixel of the smoothed image: at least, and in standard deviations of the
-/// background.
-const EDGE_LEVELS_MIN: f32 = 5.0;
-const EDGE_SIGMAS: f32 = 2.2;
 /// Bins across the plateau's width for what the walls do to the light.
-const RADIAL_BINS: usize = 200;
+pub(super) const RADIAL_BINS: usize = 200;
 
-/// Brightness of the bare plateau: a quadratic over the window plus a correction by distance from the walls.
+/// Brightness is kept relative to the bare plateau's, as the difference in these units.
+pub(super) const RELATIVE_UNITS: f32 = 2048.0;
+/// Spread, as a natural logarithm, within which the plateau is expected about its taught level.
+const LEVEL_SPREAD: f32 = 0.5;
+
+/// What is known of the bare plateau before a frame is looked at.
 #[derive(Clone, Debug)]
-pub(super) struct Background {
-    /// Coefficients of 1, u, v, u², uv, v² in grey levels; u, v from −1 to 1 across the window.
-    quadratic: [f32; 6],
-    /// Correction by radial bin, grey levels.
-    radial: Vec<f32>,
-    /// Standard deviation of the smoothed plateau about this, grey levels.
-    pub sigma: f32,
+pub(super) struct Plateau {
+    /// Grey level in the middle of the picture, if taught.
+    pub level: Option<f32>,
+    /// Brightness relative to the middle's for each radial bin: constant, and per cosine and sine of the direction from
+    /// the tray's centre, platen frame. The first entry is not used.
+    pub shade: Vec<[f32; 3]>,
+}
+
+impl Plateau {
+    /// A plateau that nothing is known of.
+    pub(super) fn unknown() -> Self {
+        Self { level: None, shade: vec![[1.0, 0.0, 0.0]; RADIAL_BINS + 1] }
+    }
 }
 
 /// A frame taken apart.
@@ -44,55 +51,74 @@ pub(super) struct Background {
 pub(super) struct Segmentation {
     pub window: Window,
     /// Smoothed image, in sixteenths of a grey level.
-    pub smooth: Vec<i16>,
+    smooth: Vec<i16>,
     /// Radial bin of each pixel, 0 off the plateau.
     pub bins: Vec<u8>,
-    /// Gradient from which an edge is more than noise, grey levels per pixel.
-    pub edge_levels: f32,
+    /// What the walls make of the light at each pixel.
+    shade: Vec<f32>,
+    /// Brightness above the bare plateau's, relative to it, in units of [`RELATIVE_UNITS`]; 0 off the plateau.
+    pub relative: Vec<i16>,
+    /// Standard deviation of that on the bare plateau, 1.
+    pub sigma: f32,
+    /// Grey level of the bare plateau in the middle of the window.
+    pub level: f32,
     /// 1 where something lies on the plateau.
     pub foreground: Vec<u8>,
     blobs: Blobs,
 }
 
 impl Segmentation {
-    /// Looks at a frame. Returns the background found.
+    /// Looks at a frame.
     pub(super) fn look(
         &mut self,
         view: &View,
         rays: &RayTable,
         image: &GrayImage,
+        plateau: &Plateau,
         contrast_min_levels: f64,
         blob_px_min: usize,
-    ) -> Result<Background, ImageFault> {
+    ) -> Result<(), ImageFault> {
         self.window = view.plateau_window().ok_or(ImageFault::PlateauOutOfView)?;
         let geometry = &view.tray.geometry;
         let bin_m = (geometry.outer_radius_m - geometry.inner_radius_m) / RADIAL_BINS as f64;
         let window = self.window;
         self.bins.resize(window.len(), 0);
+        self.shade.resize(window.len(), 1.0);
         self.smooth.resize(window.len(), 0);
+        self.relative.resize(window.len(), 0);
         self.foreground.resize(window.len(), 0);
-        for (row, bins) in self.bins.chunks_mut(window.width).enumerate() {
-            rays.plateau_row(view, window, row, bin_m, bins);
+        let rows = self.bins.chunks_mut(window.width).zip(self.shade.chunks_mut(window.width));
+        for (row, (bins, shade)) in rows.enumerate() {
+            rays.plateau_row(view, window, row, bin_m, &plateau.shade, bins, shade);
         }
         smooth(image, window, &mut self.smooth);
-        let background = self.fit_background()?;
-        self.edge_levels = EDGE_LEVELS_MIN.max(EDGE_SIGMAS * background.sigma);
-        let threshold = single(contrast_min_levels).max(SIGMAS * background.sigma);
+        let (quadratic, sigma_levels) = self.fit_background(plateau.level)?;
+        self.level = quadratic[0];
+        self.sigma = sigma_levels / self.level.max(1.0);
+        let threshold = single(contrast_min_levels).max(SIGMAS * sigma_levels);
         for row in 0..window.height {
             let range = row * window.width..(row + 1) * window.width;
-            let level = background.row(window, row);
-            let pixels = self.smooth[range.clone()].iter().zip(&self.bins[range.clone()]);
-            for ((foreground, (value, bin)), level) in self.foreground[range].iter_mut().zip(pixels).zip(level) {
-                let expected = level + background.radial[usize::from(*bin)];
-                let differs = (f32::from(*value) * (1.0 / LEVELS) - expected).abs() > threshold;
-                *foreground = u8::from(differs & (*bin > 0));
+            let outputs = self.relative[range.clone()].iter_mut().zip(&mut self.foreground[range.clone()]);
+            let inputs = self.smooth[range.clone()].iter().zip(&self.bins[range.clone()]).zip(&self.shade[range]);
+            let levels = quadratic_row(&quadratic, window, row);
+            for (((relative, foreground), ((value, bin), shade)), level) in outputs.zip(inputs).zip(levels) {
+                let expected = (level * shade).max(1.0);
+                let on_plateau = f32::from(u8::from(*bin > 0));
+                let difference = (f32::from(*value) * (1.0 / LEVELS) - expected) * on_plateau;
+                *foreground = u8::from(difference.abs() > threshold);
+                let ratio = (difference / expected * RELATIVE_UNITS).clamp(-32_000.0, 32_000.0);
+                #[expect(clippy::cast_possible_truncation, reason = "clamped to i16")]
+                let ratio = ratio as i16;
+                *relative = ratio;
             }
         }
         self.blobs.drop_specks(&mut self.foreground, window.width, blob_px_min);
-        Ok(background)
+        Ok(())
     }
 
-    fn fit_background(&self) -> Result<Background, ImageFault> {
+    /// Coefficients of 1, u, v, u², uv, v² in grey levels, with u and v from −1 to 1 across the window, and the standard
+    /// deviation about that.
+    fn fit_background(&self, taught_level: Option<f32>) -> Result<([f32; 6], f32), ImageFault> {
         let window = self.window;
         let mut samples = Vec::with_capacity(window.len() / (FIT_STRIDE * FIT_STRIDE));
         let mut histogram = [0_usize; 256];
@@ -101,7 +127,7 @@ impl Segmentation {
             for column in (0..window.width).step_by(FIT_STRIDE) {
                 let index = row * window.width + column;
                 if self.bins[index] > 0 {
-                    let level = f32::from(self.smooth[index]) * (1.0 / LEVELS);
+                    let level = f32::from(self.smooth[index]) * (1.0 / LEVELS) / self.shade[index];
                     histogram[usize::from(crate::camera::grey_level(level))] += 1;
                     samples.push((basis(unit(column, window.width), v), level));
                 }
@@ -119,7 +145,7 @@ impl Segmentation {
             return Err(ImageFault::OverExposed);
         }
         let mut quadratic = [0.0; 6];
-        quadratic[0] = mode(&histogram);
+        quadratic[0] = mode(&histogram, taught_level);
         let mut inliers = 0;
         for limit in FIT_LIMITS {
             let mut normal = SMatrix::<f32, 6, 6>::zeros();
@@ -151,58 +177,39 @@ impl Segmentation {
         if share(inliers) < BACKGROUND_RATIO_MIN {
             return Err(ImageFault::NoBackground);
         }
-        let mut background = Background { quadratic, radial: vec![0.0; 256], sigma: 0.0 };
-        self.fit_walls(&mut background);
-        Ok(background)
+        let mut deviations = [0_u32; 256];
+        let limit = FIT_LIMITS[FIT_LIMITS.len() - 1];
+        for (basis, level) in &samples {
+            let deviation = (level - evaluate(&quadratic, basis)).abs();
+            if deviation < limit {
+                // In sixteenths of a grey level.
+                deviations[usize::from(crate::camera::grey_level(deviation * LEVELS))] += 1;
+            }
+        }
+        // Median absolute deviation of a normal distribution.
+        let sigma_levels = 1.4826 * (median_bin(&deviations).unwrap_or(0) as f32 + 0.5) / LEVELS;
+        Ok((quadratic, sigma_levels))
     }
 
-    /// Median residual for each radial bin, and the scatter that remains.
-    fn fit_walls(&self, background: &mut Background) {
-        const SPAN: usize = 64;
+    /// What is learned of the bare plateau from a frame without parts: the level, and for each radial bin the sums of
+    /// 1, cos θ, sin θ and of their squares and products with the relative brightness are added to `sums`.
+    pub(super) fn learn_plateau(&self, view: &View, sums: &mut [PlateauSums]) {
         let window = self.window;
-        let mut histograms = vec![[0_u32; SPAN]; 256];
-        for row in (0..window.height).step_by(2) {
-            let levels = background.row(window, row);
-            let range = row * window.width..(row + 1) * window.width;
-            let pixels = self.smooth[range.clone()].iter().zip(&self.bins[range]);
-            for ((value, bin), level) in pixels.zip(levels) {
-                if *bin > 0 {
-                    let residual = f32::from(*value) * (1.0 / LEVELS) - level + SPAN as f32 / 2.0;
-                    if (0.0..SPAN as f32).contains(&residual) {
-                        histograms[usize::from(*bin)]
-                            [usize::from(crate::camera::grey_level(residual)).min(SPAN - 1)] += 1;
-                    }
-                }
+        let yaw = view.platen_from_tray.rotation;
+        for (index, bin) in self.bins.iter().enumerate() {
+            if *bin == 0 {
+                continue;
             }
-        }
-        let mut deviations = [0_u32; SPAN];
-        for (radial, histogram) in background.radial.iter_mut().zip(&histograms) {
-            let median = median_bin(histogram);
-            if let Some(median) = median {
-                *radial = median as f32 - SPAN as f32 / 2.0;
-                for (bin, count) in histogram.iter().enumerate() {
-                    deviations[bin.abs_diff(median)] += count;
-                }
-            }
-        }
-        // Median absolute deviation; half a level for the whole levels it is counted in.
-        let deviation = median_bin(&deviations).unwrap_or(0) as f32;
-        background.sigma = 1.4826 * (deviation + 0.5);
-    }
-
-    /// Takes a disc of the tray frame out of the foreground.
-    pub(super) fn clear_disc(&mut self, view: &View, height_m: f64, centre: Point2<f64>, radius_m: f64) {
-        let (Some(pixel), Some(px_from_tray)) = (view.pixel(centre, height_m), view.px_from_tray(centre, height_m))
-        else {
-            return;
-        };
-        let radius_px = radius_m * px_from_tray.determinant().abs().sqrt();
-        let Window { left, top, width, height } = self.window;
-        let middle = pixel - Vector2::new(left as f64, top as f64);
-        for row in clip(middle.y - radius_px, middle.y + radius_px, height) {
-            let half = (radius_px.powi(2) - (row as f64 - middle.y).powi(2)).max(0.0).sqrt();
-            let columns = clip(middle.x - half, middle.x + half, width);
-            self.foreground[row * width + columns.start..row * width + columns.end].fill(0);
+            let pixel = Point2::new((window.left + index % window.width) as f64, (window.top + index / window.width) as f64);
+            let Some(point) = view.tray_point(pixel, view.tray.plateau_height_m()) else {
+                continue;
+            };
+            let outward = yaw * point.coords.normalize();
+            let basis = nalgebra::Vector3::new(1.0, outward.x, outward.y);
+            let ratio = 1.0 + f64::from(self.relative[index]) / f64::from(RELATIVE_UNITS);
+            let sums = &mut sums[usize::from(*bin)];
+            sums.normal += basis * basis.transpose();
+            sums.target += basis * ratio;
         }
     }
 
@@ -236,9 +243,8 @@ impl Segmentation {
         points
     }
 
-    /// Smoothed grey level at a place of the image, bilinear; `None` off the window.
-    pub(super) fn level(&self, x: f32, y: f32) -> Option<f32> {
-        let (x, y) = (x - self.window.left as f32, y - self.window.top as f32);
+    /// Relative brightness at a place of the window, bilinear, in its units; `None` off the plateau.
+    pub(super) fn relative_at(&self, x: f32, y: f32) -> Option<f32> {
         if !(x >= 0.0 && y >= 0.0) {
             return None;
         }
@@ -251,42 +257,37 @@ impl Segmentation {
         if column + 1 >= self.window.width || row + 1 >= self.window.height {
             return None;
         }
-        let (across, down) = (x - column as f32, y - row as f32);
         let index = row * self.window.width + column;
-        let at = |index: usize| f32::from(self.smooth[index]);
-        let upper = at(index) + across * (at(index + 1) - at(index));
-        let index = index + self.window.width;
-        let lower = at(index) + across * (at(index + 1) - at(index));
-        Some((upper + down * (lower - upper)) * (1.0 / LEVELS))
+        let below = index + self.window.width;
+        let (upper, lower) = (self.relative.get(index..index + 2)?, self.relative.get(below..below + 2)?);
+        let off = |bins: &[u8]| bins[0] == 0 || bins[1] == 0;
+        if off(self.bins.get(index..index + 2)?) || off(self.bins.get(below..below + 2)?) {
+            return None;
+        }
+        let (across, down) = (x - column as f32, y - row as f32);
+        let along = |pair: &[i16]| f32::from(pair[0]) + across * (f32::from(pair[1]) - f32::from(pair[0]));
+        let (upper, lower) = (along(upper), along(lower));
+        Some(upper + down * (lower - upper))
     }
 }
 
-impl Background {
-    /// Background of a row of the window without the walls' effect.
-    fn row(&self, window: Window, row: usize) -> impl Iterator<Item = f32> + use<> {
-        let [c, cu, cv, cuu, cuv, cvv] = self.quadratic;
-        let v = unit(row, window.height);
-        let (constant, linear) = (c + cv * v + cvv * v * v, cu + cuv * v);
-        let step = 2.0 / window.width as f32;
-        (0..window.width).map(move |column| {
-            let u = column as f32 * step - 1.0;
-            constant + u * (linear + u * cuu)
-        })
-    }
-
-    /// Background at a place of the image, without the walls' effect.
-    pub(super) fn level(&self, window: Window, x: f32, y: f32) -> f32 {
-        let u = (x - window.left as f32) * 2.0 / window.width as f32 - 1.0;
-        let v = (y - window.top as f32) * 2.0 / window.height as f32 - 1.0;
-        evaluate(&self.quadratic, &basis(u, v))
-    }
+/// Sums over a radial bin of a plateau without parts.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct PlateauSums {
+    pub normal: nalgebra::Matrix3<f64>,
+    pub target: nalgebra::Vector3<f64>,
 }
 
-/// The whole numbers from `low` to `high` within 0..`size`.
-fn clip(low: f64, high: f64, size: usize) -> std::ops::Range<usize> {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
-    let (low, high) = (low.ceil() as usize, (high.floor() + 1.0) as usize);
-    low.min(size)..high.min(size).max(low.min(size))
+/// A row of the quadratic over a window.
+fn quadratic_row(coefficients: &[f32; 6], window: Window, row: usize) -> impl Iterator<Item = f32> + use<> {
+    let [c, cu, cv, cuu, cuv, cvv] = *coefficients;
+    let v = unit(row, window.height);
+    let (constant, linear) = (c + cv * v + cvv * v * v, cu + cuv * v);
+    let step = 2.0 / window.width as f32;
+    (0..window.width).map(move |column| {
+        let u = column as f32 * step - 1.0;
+        constant + u * (linear + u * cuu)
+    })
 }
 
 /// Place in −1 to 1 across a window.
@@ -302,12 +303,16 @@ fn evaluate(coefficients: &[f32; 6], basis: &[f32; 6]) -> f32 {
     coefficients.iter().zip(basis).map(|(c, b)| c * b).sum()
 }
 
-/// The most frequent grey level, looked at through a window of some levels.
-fn mode(histogram: &[usize; 256]) -> f32 {
+/// The most frequent grey level, looked at through a window of some levels; levels near the taught one count more.
+fn mode(histogram: &[usize; 256], taught_level: Option<f32>) -> f32 {
     const HALF: usize = 8;
-    let mass = |centre: usize| histogram[centre.saturating_sub(HALF)..=(centre + HALF).min(255)].iter().sum::<usize>();
+    let weight = |centre: usize| {
+        let mass: usize = histogram[centre.saturating_sub(HALF)..=(centre + HALF).min(255)].iter().sum();
+        let odds = taught_level.map_or(0.0, |level| (centre.max(1) as f32 / level).ln() / LEVEL_SPREAD);
+        mass as f32 * (-0.5 * odds * odds).exp()
+    };
     // The first of the highest, so that ties do not depend on the iterator.
-    let best = (0..256).rev().max_by_key(|centre| mass(*centre)).unwrap_or(0);
+    let best = (0..256_usize).rev().max_by(|a, b| weight(*a).total_cmp(&weight(*b))).unwrap_or(0);
     best as f32
 }
 
