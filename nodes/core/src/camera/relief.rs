@@ -62,7 +62,7 @@ pub(super) enum Sight {
 
 impl Relief {
     pub(super) fn new(solid: &PartSolid, pose: &UnitQuaternion<f64>, texel_m: f64, shading: &Shading) -> Self {
-        let vertices: Vec<Point3<f64>> = solid.vertices.iter().map(|vertex| pose * vertex).collect();
+        let vertices: Vec<Point3<f64>> = solid.mesh.vertices().iter().map(|vertex| pose * vertex).collect();
         let lowest_m = vertices.iter().map(|vertex| vertex.z).fold(f64::INFINITY, f64::min);
         let top_m = vertices.iter().map(|vertex| vertex.z).fold(f64::NEG_INFINITY, f64::max) - lowest_m;
         let radius_m = vertices.iter().map(|vertex| vertex.coords.xy().norm()).fold(0.0, f64::max);
@@ -72,7 +72,7 @@ impl Relief {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most SIDE_MAX and positive")]
         let side = (2.0 * reach_m / texel_m).ceil() as usize | 1;
         let mut raster = Raster::new(side, texel_m);
-        for (triangle, reflectance) in solid.triangles.iter().zip(&solid.reflectance) {
+        for (triangle, reflectance) in solid.mesh.triangles().iter().zip(solid.mesh.reflectance()) {
             let corners = triangle.map(|corner| {
                 let vertex = vertices[corner as usize];
                 Point3::new(vertex.x, vertex.y, vertex.z - lowest_m)

@@ -8,7 +8,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::{
-    CameraModel, FaceAppearance, LightModel, MountedTray, PartAppearance, Scene, SensorModel, TrayAppearance,
+    CameraModel, LightModel, MountedTray, PartSolid, Scene, SensorModel, TrayAppearance,
 };
 use crate::courier::CourierConfig;
 use crate::delivery::DeliveryConfig;
@@ -119,10 +119,6 @@ pub struct CameraSection {
     pub jpeg_quality: u8,
     /// Optics, size and place, as calibrated.
     pub model: CameraModel,
-    /// How the faces of the parts look, one for each resting pose.
-    pub faces: Vec<FaceAppearance>,
-    /// Reflectance of the sides of the parts, 0 to 1.
-    pub side_reflectance: f64,
     /// How tray and platen look.
     #[serde(default)]
     pub tray: TrayAppearance,
@@ -221,15 +217,25 @@ impl Scenario {
             camera: self.camera.model.clone(),
             tray: self.tray,
             tray_appearance: self.camera.tray,
-            part: PartAppearance {
-                diameter_m: self.part.diameter_m,
-                thickness_m: self.part.thickness_m,
-                side_reflectance: self.camera.side_reflectance,
-                faces: self.camera.faces.clone(),
-            },
+            part: self.solid(),
             light: self.camera.light,
             sensor: self.camera.sensor,
         }
+    }
+
+    fn solid(&self) -> PartSolid {
+        use crate::geometry::{ShapeSpec, Solid, stable_poses};
+        let (r, h) = (0.5 * self.part.diameter_m, self.part.thickness_m);
+        let profile = |points: &[[f64; 2]]| points.iter().map(|[x, y]| [x * r, y * h]).collect();
+        let solids = vec![
+            Solid::Revolved {
+                profile_m: profile(&[[0.3, 0.0], [1.0, 0.0], [1.0, 0.35], [0.5, 0.35], [0.5, 1.0], [0.3, 1.0]]),
+                reflectance: None,
+            },
+        ];
+        let mesh = ShapeSpec::Solids(solids).mesh(0.35).unwrap();
+        let poses = stable_poses(&mesh).unwrap();
+        PartSolid::new(mesh, &poses[..2])
     }
 
     /// The delivery planner's parameters, with the stations of this scenario.
@@ -255,7 +261,7 @@ impl Scenario {
                 "missing: teach the part with `feeder teach --scenario FILE` and add what it prints".to_owned();
             return Err(ScenarioError::Invalid { section: "part_model", problem });
         };
-        Selector::new(self.selector(), &self.camera.model, &self.tray, model)
+        Selector::new(self.selector(), &self.camera.model, &self.tray, &model)
             .map_err(|error| invalid("selector", &error))
     }
 
@@ -316,12 +322,7 @@ impl Scenario {
             return Err(ScenarioError::Invalid { section: "camera", problem });
         }
         check_count("camera", "jpeg_quality", self.camera.jpeg_quality.into(), 1, 100)?;
-        let (faces, poses) = (self.camera.faces.len(), self.part.resting_poses.len());
-        if faces != poses {
-            let problem = format!("faces has {faces} entries, allowed is {poses}, one for each resting pose");
-            return Err(ScenarioError::Invalid { section: "camera", problem });
-        }
-        crate::camera::Renderer::new(&self.scene()).map(drop).map_err(|error| invalid("camera", &error))
+        self.scene().validate().map_err(|error| invalid("camera", &error))
     }
 
     fn validate_stations(&self) -> Result<(), ScenarioError> {

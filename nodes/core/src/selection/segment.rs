@@ -16,7 +16,8 @@ const FIT_STRIDE: usize = 4;
 const FIT_LIMITS: [f32; 5] = [28.0, 20.0, 14.0, 10.0, 8.0];
 /// Fewer pixels than this are no plateau.
 const PLATEAU_PX_MIN: usize = 400;
-/// Share of the plateau that must look like background, and of its pixels that may be quite black or quite white.
+/// Share of the plateau that must look like background where the light was not taught, and of its pixels that may be
+/// quite black or quite white.
 const BACKGROUND_RATIO_MIN: f64 = 0.15;
 const CLIPPED_RATIO_MAX: f64 = 0.5;
 /// Foreground differs from background by more than this many standard deviations of the background.
@@ -26,14 +27,24 @@ pub(super) const RADIAL_BINS: usize = 200;
 
 /// Brightness is kept relative to the bare plateau's, as the difference in these units.
 pub(super) const RELATIVE_UNITS: f32 = 2048.0;
-/// Spread, as a natural logarithm, within which the plateau is expected about its taught level.
-const LEVEL_SPREAD: f32 = 0.5;
+/// Inertia of the fit, in shares of the plateau: where little of the plateau is free, and that in the shade of parts, the
+/// taught light counts.
+const FIT_INERTIA: f32 = 0.5;
+
+/// The light when a part was taught.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TaughtLight {
+    /// Coefficients of 1, u, v, u², uv, v² of the plateau's grey level, with u and v from −1 to 1 across the picture.
+    pub light: [f32; 6],
+    /// Grey level of the hub's top.
+    pub hub_level: f32,
+}
 
 /// What is known of the bare plateau before a frame is looked at.
 #[derive(Clone, Debug)]
 pub(super) struct Plateau {
-    /// Grey level in the middle of the picture, if taught.
-    pub level: Option<f32>,
+    /// The light, if taught.
+    pub taught: Option<TaughtLight>,
     /// Brightness relative to the middle's for each radial bin: constant, and per cosine and sine of the direction from
     /// the tray's centre, platen frame. The first entry is not used.
     pub shade: Vec<[f32; 3]>,
@@ -42,7 +53,7 @@ pub(super) struct Plateau {
 impl Plateau {
     /// A plateau that nothing is known of.
     pub(super) fn unknown() -> Self {
-        Self { level: None, shade: vec![[1.0, 0.0, 0.0]; RADIAL_BINS + 1] }
+        Self { taught: None, shade: vec![[1.0, 0.0, 0.0]; RADIAL_BINS + 1] }
     }
 }
 
@@ -60,8 +71,8 @@ pub(super) struct Segmentation {
     pub relative: Vec<i16>,
     /// Standard deviation of that on the bare plateau, 1.
     pub sigma: f32,
-    /// Grey level of the bare plateau in the middle of the window.
-    pub level: f32,
+    /// The light as in [`TaughtLight::light`].
+    pub light: [f32; 6],
     /// 1 where something lies on the plateau.
     pub foreground: Vec<u8>,
     blobs: Blobs,
@@ -92,15 +103,21 @@ impl Segmentation {
             rays.plateau_row(view, window, row, bin_m, &plateau.shade, bins, shade);
         }
         smooth(image, window, &mut self.smooth);
-        let (quadratic, sigma_levels) = self.fit_background(plateau.level)?;
-        self.level = quadratic[0];
-        self.sigma = sigma_levels / self.level.max(1.0);
+        let across = Across { width: image.width() as usize, height: image.height() as usize, window };
+        // Parts hide the plateau, and shade what they leave of it, but not the hub.
+        let expected = plateau.taught.map(|taught| {
+            let change = hub_level(view, image).map_or(1.0, |level| level / taught.hub_level);
+            taught.light.map(|coefficient| coefficient * change)
+        });
+        let (light, sigma_levels) = self.fit_light(&across, expected)?;
+        self.light = light;
+        self.sigma = sigma_levels / light[0].max(1.0);
         let threshold = single(contrast_min_levels).max(SIGMAS * sigma_levels);
         for row in 0..window.height {
             let range = row * window.width..(row + 1) * window.width;
             let outputs = self.relative[range.clone()].iter_mut().zip(&mut self.foreground[range.clone()]);
             let inputs = self.smooth[range.clone()].iter().zip(&self.bins[range.clone()]).zip(&self.shade[range]);
-            let levels = quadratic_row(&quadratic, window, row);
+            let levels = across.light_row(&light, row);
             for (((relative, foreground), ((value, bin), shade)), level) in outputs.zip(inputs).zip(levels) {
                 let expected = (level * shade).max(1.0);
                 let on_plateau = f32::from(u8::from(*bin > 0));
@@ -116,20 +133,20 @@ impl Segmentation {
         Ok(())
     }
 
-    /// Coefficients of 1, u, v, u², uv, v² in grey levels, with u and v from −1 to 1 across the window, and the standard
-    /// deviation about that.
-    fn fit_background(&self, taught_level: Option<f32>) -> Result<([f32; 6], f32), ImageFault> {
+    /// The light, and the standard deviation about it in grey levels.
+    fn fit_light(&self, across: &Across, expected: Option<[f32; 6]>) -> Result<([f32; 6], f32), ImageFault> {
         let window = self.window;
         let mut samples = Vec::with_capacity(window.len() / (FIT_STRIDE * FIT_STRIDE));
         let mut histogram = [0_usize; 256];
         for row in (0..window.height).step_by(FIT_STRIDE) {
-            let v = unit(row, window.height);
+            let v = across.v(row);
             for column in (0..window.width).step_by(FIT_STRIDE) {
                 let index = row * window.width + column;
                 if self.bins[index] > 0 {
                     let level = f32::from(self.smooth[index]) * (1.0 / LEVELS) / self.shade[index];
+                    let basis = basis(across.u(column), v);
                     histogram[usize::from(crate::camera::grey_level(level))] += 1;
-                    samples.push((basis(unit(column, window.width), v), level));
+                    samples.push((basis, level));
                 }
             }
         }
@@ -144,18 +161,20 @@ impl Segmentation {
         if share(histogram[252..].iter().sum()) > CLIPPED_RATIO_MAX {
             return Err(ImageFault::OverExposed);
         }
-        let mut quadratic = [0.0; 6];
-        quadratic[0] = mode(&histogram, taught_level);
+        let (mut quadratic, limits, inertia) = match expected {
+            None => ([mode(&histogram), 0.0, 0.0, 0.0, 0.0, 0.0], &FIT_LIMITS[..], 1e-3),
+            Some(expected) => (expected, &FIT_LIMITS[FIT_LIMITS.len() - 2..], FIT_INERTIA),
+        };
         let mut inliers = 0;
-        for limit in FIT_LIMITS {
+        for limit in limits {
             let mut normal = SMatrix::<f32, 6, 6>::zeros();
             let mut target = SVector::<f32, 6>::zeros();
             inliers = 0;
             for (basis, level) in &samples {
                 let residual = level - evaluate(&quadratic, basis);
-                if residual.abs() < limit {
+                if residual.abs() < *limit {
                     // Tukey's weight: what lies near the limit counts little.
-                    let weight = 1.0 - (residual / limit).powi(2);
+                    let weight = 1.0 - (residual / limit) * (residual / limit);
                     for i in 0..6 {
                         target[i] += weight * basis[i] * residual;
                         for j in 0..=i {
@@ -165,16 +184,15 @@ impl Segmentation {
                     inliers += 1;
                 }
             }
-            // A touch of ridge keeps a fit to few pixels tame.
             for i in 0..6 {
-                normal[(i, i)] += 1e-3 * count as f32;
+                normal[(i, i)] += inertia * count as f32;
             }
             let change = normal.cholesky().ok_or(ImageFault::NoBackground)?.solve(&target);
             for (coefficient, change) in quadratic.iter_mut().zip(change.iter()) {
                 *coefficient += change;
             }
         }
-        if share(inliers) < BACKGROUND_RATIO_MIN {
+        if expected.is_none() && share(inliers) < BACKGROUND_RATIO_MIN {
             return Err(ImageFault::NoBackground);
         }
         let mut deviations = [0_u32; 256];
@@ -213,20 +231,26 @@ impl Segmentation {
         }
     }
 
-    /// Where the tray frame shows foreground further than `strip_px` from the plateau's edges: both ends of every run of
-    /// pixels, and points between them.
-    pub(super) fn foreground_points(&self, view: &View, height_m: f64, strip_px: f64) -> Vec<Point2<f64>> {
+    /// Where the tray frame shows foreground that has no owner, further than `strip_px` from the plateau's edges: both ends
+    /// of every run of pixels, and points between them.
+    pub(super) fn foreground_points(
+        &self,
+        view: &View,
+        height_m: f64,
+        strip_px: f64,
+        owners: &[u16],
+    ) -> Vec<Point2<f64>> {
         const SPACING: usize = 4;
         let width = self.window.width;
         let strip_m = strip_px * view.camera.m_per_px(height_m);
         let geometry = &view.tray.geometry;
         let mut points = Vec::new();
-        for (row, pixels) in self.foreground.chunks(width).enumerate() {
+        let rows = self.foreground.chunks(width).zip(owners.chunks(width));
+        for (row, (pixels, owners)) in rows.enumerate() {
+            let open = |column: usize| pixels[column] != 0 && owners[column] == 0;
             let mut column = 0;
-            while let Some(skip) = pixels[column..].iter().position(|p| *p != 0) {
-                let start = column + skip;
-                let length = pixels[start..].iter().position(|p| *p == 0).unwrap_or(width - start);
-                column = start + length;
+            while let Some(start) = (column..width).find(|column| open(*column)) {
+                column = (start..width).find(|column| !open(*column)).unwrap_or(width);
                 for place in (start..column - 1).step_by(SPACING).chain([column - 1]) {
                     let place = Point2::new((self.window.left + place) as f64, (self.window.top + row) as f64);
                     let Some(point) = view.tray_point(place, height_m) else {
@@ -243,8 +267,9 @@ impl Segmentation {
         points
     }
 
-    /// Relative brightness at a place of the window, bilinear, in its units; `None` off the plateau.
-    pub(super) fn relative_at(&self, x: f32, y: f32) -> Option<f32> {
+    /// Relative brightness at a place of the window, bilinear, in its units, and the index of a pixel there; `None` off the
+    /// window.
+    pub(super) fn relative_at(&self, x: f32, y: f32) -> Option<(f32, usize)> {
         if !(x >= 0.0 && y >= 0.0) {
             return None;
         }
@@ -260,14 +285,10 @@ impl Segmentation {
         let index = row * self.window.width + column;
         let below = index + self.window.width;
         let (upper, lower) = (self.relative.get(index..index + 2)?, self.relative.get(below..below + 2)?);
-        let off = |bins: &[u8]| bins[0] == 0 || bins[1] == 0;
-        if off(self.bins.get(index..index + 2)?) || off(self.bins.get(below..below + 2)?) {
-            return None;
-        }
         let (across, down) = (x - column as f32, y - row as f32);
         let along = |pair: &[i16]| f32::from(pair[0]) + across * (f32::from(pair[1]) - f32::from(pair[0]));
         let (upper, lower) = (along(upper), along(lower));
-        Some(upper + down * (lower - upper))
+        Some((upper + down * (lower - upper), index))
     }
 }
 
@@ -278,21 +299,33 @@ pub(super) struct PlateauSums {
     pub target: nalgebra::Vector3<f64>,
 }
 
-/// A row of the quadratic over a window.
-fn quadratic_row(coefficients: &[f32; 6], window: Window, row: usize) -> impl Iterator<Item = f32> + use<> {
-    let [c, cu, cv, cuu, cuv, cvv] = *coefficients;
-    let v = unit(row, window.height);
-    let (constant, linear) = (c + cv * v + cvv * v * v, cu + cuv * v);
-    let step = 2.0 / window.width as f32;
-    (0..window.width).map(move |column| {
-        let u = column as f32 * step - 1.0;
-        constant + u * (linear + u * cuu)
-    })
+/// Where a window's pixels lie across the picture, from −1 to 1.
+struct Across {
+    width: usize,
+    height: usize,
+    window: Window,
 }
 
-/// Place in −1 to 1 across a window.
-fn unit(index: usize, size: usize) -> f32 {
-    index as f32 * 2.0 / size as f32 - 1.0
+impl Across {
+    fn u(&self, column: usize) -> f32 {
+        (self.window.left + column) as f32 * 2.0 / self.width as f32 - 1.0
+    }
+
+    fn v(&self, row: usize) -> f32 {
+        (self.window.top + row) as f32 * 2.0 / self.height as f32 - 1.0
+    }
+
+    /// The light along a row of the window.
+    fn light_row(&self, light: &[f32; 6], row: usize) -> impl Iterator<Item = f32> + use<> {
+        let [c, cu, cv, cuu, cuv, cvv] = *light;
+        let v = self.v(row);
+        let (constant, linear) = (c + cv * v + cvv * v * v, cu + cuv * v);
+        let (start, step) = (self.u(0), 2.0 / self.width as f32);
+        (0..self.window.width).map(move |column| {
+            let u = start + column as f32 * step;
+            constant + u * (linear + u * cuu)
+        })
+    }
 }
 
 fn basis(u: f32, v: f32) -> [f32; 6] {
@@ -303,17 +336,35 @@ fn evaluate(coefficients: &[f32; 6], basis: &[f32; 6]) -> f32 {
     coefficients.iter().zip(basis).map(|(c, b)| c * b).sum()
 }
 
-/// The most frequent grey level, looked at through a window of some levels; levels near the taught one count more.
-fn mode(histogram: &[usize; 256], taught_level: Option<f32>) -> f32 {
+/// The most frequent grey level, looked at through a window of some levels.
+fn mode(histogram: &[usize; 256]) -> f32 {
     const HALF: usize = 8;
-    let weight = |centre: usize| {
-        let mass: usize = histogram[centre.saturating_sub(HALF)..=(centre + HALF).min(255)].iter().sum();
-        let odds = taught_level.map_or(0.0, |level| (centre.max(1) as f32 / level).ln() / LEVEL_SPREAD);
-        mass as f32 * (-0.5 * odds * odds).exp()
-    };
+    let mass = |centre: usize| histogram[centre.saturating_sub(HALF)..=(centre + HALF).min(255)].iter().sum::<usize>();
     // The first of the highest, so that ties do not depend on the iterator.
-    let best = (0..256_usize).rev().max_by(|a, b| weight(*a).total_cmp(&weight(*b))).unwrap_or(0);
+    let best = (0..256).rev().max_by_key(|centre| mass(*centre)).unwrap_or(0);
     best as f32
+}
+
+/// Mean grey level of the hub's top; `None` if it is out of view.
+pub(super) fn hub_level(view: &View, image: &GrayImage) -> Option<f32> {
+    /// Rings and spokes of points looked at, clear of the bore and of the rim.
+    const RINGS: [f64; 4] = [0.45, 0.55, 0.65, 0.75];
+    const SPOKES: u32 = 32;
+    let (mut sum, mut count) = (0.0, 0.0_f32);
+    for ring in RINGS {
+        for spoke in 0..SPOKES {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(spoke) / f64::from(SPOKES)).sin_cos();
+            let point = Point2::new(cos, sin) * (ring * view.tray.geometry.inner_radius_m);
+            let pixel = view.pixel(point, view.tray.wall_top_m())?;
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
+            let (x, y) = (pixel.x.round() as u32, pixel.y.round() as u32);
+            if let Some(pixel) = image.get_pixel_checked(x, y).filter(|_| pixel.x >= 0.0 && pixel.y >= 0.0) {
+                sum += f32::from(pixel.0[0]);
+                count += 1.0;
+            }
+        }
+    }
+    (count >= 0.5 * RINGS.len() as f32 * SPOKES as f32).then(|| sum / count)
 }
 
 fn median_bin(histogram: &[u32]) -> Option<usize> {

@@ -4,17 +4,23 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix2, Point2, Rotation2, Vector2};
 
-use super::hull::convex_hull;
+use super::hull::distance_m;
 use super::template::{Aspect, PoseTemplate};
 use crate::camera::{CameraModel, MountedTray, single};
 
 /// Width of the strip round the part that is compared too, px: the edge, and what it stands out from.
 const RIM_PX: f64 = 1.3;
-/// What no template reproduces, relative to the plateau's brightness.
-pub(super) const MODEL_SIGMA: f32 = 0.025;
+/// What no template reproduces of a part, and of what lies beside it, relative to the plateau's brightness.
+const MODEL_SIGMA: f32 = 0.012;
+const SHADE_SIGMA: f32 = 0.12;
+/// What bare floor may look like: hardly brighter than it is, but darker by far in the shade of parts.
+pub(super) const BARE_BRIGHT_SIGMA: f32 = 0.12;
+pub(super) const BARE_DARK_SIGMA: f32 = 0.3;
 /// Most points compared in the coarse search and in the fine one.
 const COARSE_POINTS_MAX: usize = 120;
 const FINE_POINTS_MAX: usize = 500;
+/// Most corners of an outline: of a circle 1 % is cut off.
+const OUTLINE_CORNERS_MAX: usize = 24;
 /// Largest step of the rim between two turns of the coarse search, px.
 const TURN_STEP_PX: f64 = 1.4;
 /// How far the centre may be from where the rings are summed, px, as a standard deviation.
@@ -47,6 +53,8 @@ pub(super) struct Turn {
     /// Yaw against the platen, rad.
     pub yaw_rad: f64,
     pub points: Vec<CoarsePoint>,
+    /// How many pixels each point stands for.
+    pub point_weight: f32,
 }
 
 /// A pose as it is looked for.
@@ -59,14 +67,15 @@ pub(super) struct Sought {
     /// Nothing of the part need be seen nearer to its centre than this, px.
     pub hollow_px: usize,
     pub turns: Vec<Turn>,
-    /// Texels compared in the fine search.
+    /// Texels compared in the fine search, and how many each stands for.
     pub texels: Vec<usize>,
-    /// Convex outline in the part's directions, m, counter-clockwise.
-    pub outline: Vec<Point2<f64>>,
+    pub texel_weight: f32,
+    /// For each texel how far outside the outline it lies, m; 0 inside.
+    pub outside_m: Vec<f32>,
+    /// The outline, round ones with fewer corners than the drawing has, m.
+    pub outline_m: Vec<Point2<f64>>,
     /// Greatest distance of the outline from the centre, m.
     pub radius_m: f64,
-    /// Area that the part covers, m².
-    pub area_m2: f64,
     /// Size of a pixel in the plane, m.
     pub m_per_px: f64,
 }
@@ -75,23 +84,25 @@ impl Sought {
     pub(super) fn new(template: &PoseTemplate, camera: &CameraModel, tray: &MountedTray) -> Self {
         let plane_m = tray.plateau_height_m() + 0.5 * template.height_m;
         let m_per_px = camera.m_per_px(plane_m);
-        let outline = convex_hull(half_crossings(template));
-        let radius_m = outline.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max);
-        let inside = template.inside.values();
-        let count = inside.iter().filter(|inside| **inside >= 0.5).count();
+        let radius_m = template.outline_m.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max);
         let mut sought = Self {
             template: template.clone(),
             plane_m,
             rings: Vec::new(),
             hollow_px: 0,
             turns: Vec::new(),
-            texels: rim_and_inside(template, RIM_PX * m_per_px),
-            outline,
+            texels: Vec::new(),
+            texel_weight: 1.0,
+            outside_m: outside_m(template),
+            outline_m: template.outline_m.clone(),
             radius_m,
-            area_m2: count as f64 * template.texel_m * template.texel_m,
             m_per_px,
         };
+        sought.texels = sought.within(RIM_PX * m_per_px);
+        let all = sought.texels.len() as f32;
         thin(&mut sought.texels, FINE_POINTS_MAX);
+        sought.texel_weight = all / sought.texels.len().max(1) as f32;
+        thin(&mut sought.outline_m, OUTLINE_CORNERS_MAX);
         sought.rings = sought.rings();
         sought.hollow_px = sought.hollow();
         let image_from_platen = camera.image_from_platen();
@@ -116,15 +127,8 @@ impl Sought {
 
     fn turn(&self, yaw_rad: f64, image_from_platen: &Matrix2<f64>) -> Turn {
         let picture = self.template.picture(&Aspect { yaw_rad, slant: Vector2::zeros() });
-        let deviation = self.template.deviation.values();
         let into_part = Rotation2::new(-yaw_rad) * image_from_platen.transpose() * self.m_per_px;
-        let wanted = {
-            let mut wanted = vec![false; picture.len()];
-            for texel in rim_and_inside(&self.template, 0.5 * RIM_PX * self.m_per_px) {
-                wanted[texel] = true;
-            }
-            wanted
-        };
+        let rim_m = single(0.5 * RIM_PX * self.m_per_px);
         let reach = ((self.radius_m / self.m_per_px) + 2.0).ceil();
         let mut points = Vec::new();
         let mut row = -reach;
@@ -132,25 +136,38 @@ impl Sought {
             let mut column = -reach;
             while column <= reach {
                 let place = into_part * Vector2::new(column, row);
-                if let Some(index) = self.texel(place).filter(|index| wanted[*index]) {
+                if let Some(index) = self.texel(place).filter(|index| self.outside_m[*index] <= rim_m) {
                     #[expect(clippy::cast_possible_truncation, reason = "a few dozen pixels")]
                     let (column, row) = (column as isize, row as isize);
-                    let variance = deviation[index].powi(2) + self.displacement_variance(&picture, index);
+                    let variance = self.variance(index) + self.displacement_variance(&picture, index);
                     points.push(CoarsePoint { column, row, value: picture[index], variance });
                 }
                 column += 1.0;
             }
             row += 1.0;
         }
+        let all = points.len() as f32;
         thin(&mut points, COARSE_POINTS_MAX);
-        Turn { yaw_rad, points }
+        let point_weight = all / points.len().max(1) as f32;
+        Turn { yaw_rad, points, point_weight }
     }
 
-    /// What half a pixel beside changes, squared: the coarse search is no more exact than that.
+    /// Texels that show the part, or lie within `rim_m` of it.
+    fn within(&self, rim_m: f64) -> Vec<usize> {
+        (0..self.outside_m.len()).filter(|index| self.outside_m[*index] <= single(rim_m)).collect()
+    }
+
+    /// Variance of a texel about the template. What lies beside the part may be in the shade of neighbours.
+    pub(super) fn variance(&self, index: usize) -> f32 {
+        let shade = if self.outside_m[index] > 0.0 { SHADE_SIGMA } else { MODEL_SIGMA };
+        self.template.deviation.values()[index].powi(2) + shade * shade
+    }
+
+    /// What a third of a pixel beside changes, squared: the coarse search is no more exact than that.
     fn displacement_variance(&self, picture: &[f32], index: usize) -> f32 {
         let texels_per_px = single(self.m_per_px / self.template.texel_m);
         let (along_x, along_y) = gradient(picture, self.template.side(), index);
-        0.25 * texels_per_px.powi(2) * (along_x.powi(2) + along_y.powi(2))
+        0.11 * texels_per_px.powi(2) * (along_x.powi(2) + along_y.powi(2))
     }
 
     /// The texel nearest to a place in the part's directions.
@@ -166,7 +183,6 @@ impl Sought {
         const SPOKES: usize = 48;
         let mean = self.template.mean.values();
         let deviation = self.template.deviation.values();
-        let inside = self.template.inside.values();
         let mut rings = Vec::new();
         while rings.len() as f64 <= self.radius_m / self.m_per_px {
             let radius_m = rings.len() as f64 * self.m_per_px;
@@ -178,7 +194,7 @@ impl Sought {
                 };
                 sum += mean[index];
                 square += deviation[index] * deviation[index];
-                within += inside[index].clamp(0.0, 1.0);
+                within += f32::from(u8::from(self.outside_m[index] <= 0.0));
                 count += 1.0;
             }
             let count = count.max(1.0);
@@ -203,7 +219,7 @@ impl Sought {
     /// How far from the centre the nearest thing is that stands out from the plateau, px.
     fn hollow(&self) -> usize {
         let seen = |index: &usize| {
-            self.template.inside.values()[*index] >= 0.5 && self.template.mean.values()[*index].abs() > 0.15
+            self.outside_m[*index] <= 0.0 && self.template.mean.values()[*index].abs() > 0.15
         };
         let distance_m = |index: usize| self.template.place_m(index).norm();
         let nearest_m = (0..self.template.mean.values().len()).filter(seen).map(distance_m).fold(self.radius_m, f64::min);
@@ -222,43 +238,10 @@ pub(super) fn gradient(picture: &[f32], side: usize, index: usize) -> (f32, f32)
     (0.5 * (at(right, row) - at(left, row)), 0.5 * (at(column, above) - at(column, below)))
 }
 
-/// Texels that show the part, or lie within `rim_m` of one that does.
-fn rim_and_inside(template: &PoseTemplate, rim_m: f64) -> Vec<usize> {
-    let side = template.side();
-    let inside = template.inside.values();
-    let reach = rim_m / template.texel_m;
-    #[expect(clippy::cast_possible_truncation, reason = "a few texels")]
-    let steps = reach.floor() as isize;
-    let near = |index: usize, dx: isize, dy: isize| {
-        let column = (index % side).checked_add_signed(dx).filter(|column| *column < side);
-        let row = (index / side).checked_add_signed(dy).filter(|row| *row < side);
-        column.zip(row).is_some_and(|(column, row)| inside[row * side + column] >= 0.5)
-    };
-    let offsets: Vec<(isize, isize)> = (-steps..=steps)
-        .flat_map(|dy| (-steps..=steps).map(move |dx| (dx, dy)))
-        .filter(|(dx, dy)| (dx.pow(2) + dy.pow(2)) as f64 <= reach * reach)
-        .collect();
-    (0..inside.len()).filter(|index| offsets.iter().any(|(dx, dy)| near(*index, *dx, *dy))).collect()
-}
-
-/// Places in the part's directions where the share of pictures that show the part crosses one half, m.
-fn half_crossings(template: &PoseTemplate) -> Vec<Point2<f64>> {
-    let side = template.side();
-    let inside = template.inside.values();
-    let mut crossings = Vec::new();
-    for index in 0..inside.len() {
-        let (column, row) = (index % side, index / side);
-        let here = inside[index];
-        for (next, within) in [(index + 1, column + 1 < side), (index + side, row + 1 < side)] {
-            if !within || (here >= 0.5) == (inside[next] >= 0.5) {
-                continue;
-            }
-            let share = f64::from((0.5 - here) / (inside[next] - here));
-            let (from, to) = (template.place_m(index), template.place_m(next));
-            crossings.push(Point2::from(from + (to - from) * share));
-        }
-    }
-    crossings
+/// How far outside the outline each texel lies, m.
+fn outside_m(template: &PoseTemplate) -> Vec<f32> {
+    let outside = |index: usize| single(distance_m(&template.outline_m, &Point2::from(template.place_m(index))));
+    (0..template.mean.values().len()).map(outside).collect()
 }
 
 /// Leaves out evenly what is more than `most`.

@@ -3,19 +3,19 @@
 //! Brightness is counted relative to the bare plateau. In the part's own directions it is, to first order, a mean picture
 //! plus what the lamp's direction and the slant of the line of sight add:
 //!
-//! I(u) = M(u) + C(u) cos ψ + S(u) sin ψ + X(u) a + Y(u) b,
+//! I(u) = M(u) + C(u) cos ψ + S(u) sin ψ + C₂(u) cos 2ψ + S₂(u) sin 2ψ + X(u) a + Y(u) b,
 //!
-//! with ψ the part's yaw against the camera, which is the lamp's too, and (a, b) the slant in the part's directions. The
-//! five pictures and the scatter about them are learned from images.
+//! with ψ the part's yaw against the camera, which is the lamp's too, within one period of its symmetry, and (a, b) the slant
+//! in the part's directions. The seven pictures and the scatter about them are learned from images.
 
-use nalgebra::{Rotation2, Vector2};
+use nalgebra::{Point2, Rotation2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::segment::{Plateau, RADIAL_BINS};
+use super::segment::{Plateau, RADIAL_BINS, TaughtLight};
 use crate::camera::{InvalidValue, require, single};
 
 /// Pictures that make up a template.
-pub(super) const PLANES: usize = 5;
+pub(super) const PLANES: usize = 7;
 /// Slant of the line of sight for which the pictures X and Y are stated.
 const SLANT_UNIT: f64 = 0.1;
 /// Steps of brightness in a stored picture, per unit.
@@ -94,14 +94,18 @@ pub struct PoseTemplate {
     pub yaw_cos: Plane,
     /// What is added per sine of the yaw.
     pub yaw_sin: Plane,
+    /// What is added per cosine of twice the yaw.
+    pub yaw_cos_2: Plane,
+    /// What is added per sine of twice the yaw.
+    pub yaw_sin_2: Plane,
     /// What is added per slant of 0.1 along the part's x.
     pub slant_x: Plane,
     /// What is added per slant of 0.1 along the part's y.
     pub slant_y: Plane,
     /// Standard deviation about all that.
     pub deviation: Plane,
-    /// Share of pictures in which the texel shows the part.
-    pub inside: Plane,
+    /// Convex outline in the part's directions, counter-clockwise, m: what a gripper must reach round.
+    pub outline_m: Vec<Point2<f64>>,
 }
 
 /// How a part lies towards lamp and camera.
@@ -114,11 +118,12 @@ pub(super) struct Aspect {
 }
 
 impl Aspect {
-    /// The factors of the five pictures.
+    /// The factors of the seven pictures.
     pub(super) fn factors(&self) -> [f64; PLANES] {
         let slant = Rotation2::new(-self.yaw_rad) * self.slant / SLANT_UNIT;
         let (sin, cos) = self.yaw_rad.sin_cos();
-        [1.0, cos, sin, slant.x, slant.y]
+        let (sin_2, cos_2) = (2.0 * self.yaw_rad).sin_cos();
+        [1.0, cos, sin, cos_2, sin_2, slant.x, slant.y]
     }
 }
 
@@ -135,10 +140,14 @@ impl PoseTemplate {
         Vector2::new(place(index % self.side()), place(index / self.side()))
     }
 
+    fn planes(&self) -> [&Plane; PLANES] {
+        [&self.mean, &self.yaw_cos, &self.yaw_sin, &self.yaw_cos_2, &self.yaw_sin_2, &self.slant_x, &self.slant_y]
+    }
+
     /// The picture expected under an aspect: brightness above the plateau's.
     pub(super) fn picture(&self, aspect: &Aspect) -> Vec<f32> {
         let factors = aspect.factors().map(single);
-        let planes = [&self.mean, &self.yaw_cos, &self.yaw_sin, &self.slant_x, &self.slant_y];
+        let planes = self.planes();
         let mut picture = vec![0.0; self.mean.values.len()];
         for (plane, factor) in planes.into_iter().zip(factors) {
             for (sum, value) in picture.iter_mut().zip(&plane.values) {
@@ -158,11 +167,12 @@ impl PoseTemplate {
         let side = self.side();
         let side_ok = !side.is_multiple_of(2) && side <= SIDE_MAX && self.mean.is_square(side);
         require(side_ok, "part_model.poses.mean", side as f64, "a square of an odd number of texels up to 161")?;
-        for plane in [&self.yaw_cos, &self.yaw_sin, &self.slant_x, &self.slant_y, &self.deviation, &self.inside] {
+        for plane in self.planes().into_iter().chain([&self.deviation]) {
             require(plane.is_square(side), "part_model.poses", plane.width as f64, "pictures of one size")?;
         }
-        let shown = self.inside.values.iter().any(|inside| *inside >= 0.5);
-        require(shown, "part_model.poses.inside", 0.0, "a part somewhere")
+        let reach_m = self.outline_m.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max);
+        let outline_ok = self.outline_m.len() >= 3 && reach_m > 0.0 && reach_m < 0.5 * side as f64 * self.texel_m;
+        require(outline_ok, "part_model.poses.outline_m", reach_m, "three corners or more, within the pictures")
     }
 }
 
@@ -170,8 +180,11 @@ impl PoseTemplate {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PartModel {
-    /// Grey level of the bare plateau in the middle of the picture when the part was taught.
-    pub plateau_level: f64,
+    /// Light on the bare plateau when the part was taught: coefficients of 1, u, v, u², uv, v² of its grey level, with u
+    /// and v from −1 to 1 across the picture.
+    pub plateau_light: [f32; 6],
+    /// Grey level of the hub's top when the part was taught: by it a frame tells how the light has changed.
+    pub hub_level: f32,
     /// Brightness of the bare plateau above the middle's and relative to it, in bins from the inner wall to the outer: a row
     /// of constants, one per cosine and one per sine of the direction from the tray's centre on the platen.
     pub plateau_shade: Plane,
@@ -186,8 +199,11 @@ impl PartModel {
     ///
     /// [`InvalidValue`] naming the field out of range.
     pub fn validate(&self) -> Result<(), InvalidValue> {
-        let level_ok = (1.0..=255.0).contains(&self.plateau_level);
-        require(level_ok, "part_model.plateau_level", self.plateau_level, "1 to 255")?;
+        let [level, ..] = self.plateau_light;
+        let light_ok = (1.0..=255.0).contains(&level) && self.plateau_light.iter().all(|c| c.abs() <= 255.0);
+        require(light_ok, "part_model.plateau_light", level.into(), "a level of 1 to 255, and changes no larger")?;
+        let hub_ok = (1.0..=255.0).contains(&self.hub_level);
+        require(hub_ok, "part_model.hub_level", self.hub_level.into(), "1 to 255")?;
         let shade = &self.plateau_shade;
         let shade_ok = shade.width == RADIAL_BINS && shade.values.len() == 3 * RADIAL_BINS;
         require(shade_ok, "part_model.plateau_shade", shade.width as f64, "three rows of 200 entries")?;
@@ -207,6 +223,6 @@ impl PartModel {
 
     pub(super) fn plateau(&self) -> Plateau {
         let shade = std::iter::once([1.0, 0.0, 0.0]).chain(self.shades()).collect();
-        Plateau { level: Some(single(self.plateau_level)), shade }
+        Plateau { taught: Some(TaughtLight { light: self.plateau_light, hub_level: self.hub_level }), shade }
     }
 }

@@ -52,6 +52,13 @@ impl View<'_> {
         Some(px_from_platen * self.platen_from_tray.rotation.to_rotation_matrix().matrix())
     }
 
+    /// How far outwards, in the platen frame, the line of sight through a point leads per metre of descent.
+    pub(super) fn slant(&self, point: Point2<f64>, height_m: f64) -> Vector2<f64> {
+        let pose = self.camera.pose();
+        let from_camera = (self.platen_from_tray * point).coords - Vector2::new(pose.x_m, pose.y_m);
+        from_camera / (pose.height_m - height_m)
+    }
+
     fn in_platen(&self, point: Point2<f64>, height_m: f64) -> Point3<f64> {
         let on_platen = self.platen_from_tray * point;
         Point3::new(on_platen.x, on_platen.y, height_m)
