@@ -1,8 +1,11 @@
 //! The `feeder` command: each subcommand lives in a module of its own, this file only names them.
 
 mod analysis;
+mod bulk;
 mod crew;
+mod part;
 mod plan_move;
+mod plot;
 mod scenario_file;
 mod summary;
 mod table;
@@ -29,6 +32,8 @@ enum Command {
     Check(scenario_file::CheckArgs),
     Node(NodeArgs),
     Teach(teach::TeachArgs),
+    Part(part::Args),
+    Bulk(bulk::Args),
     PlanMove(plan_move::Args),
     FeedRate(analysis::feed_rate::Args),
     TrayMap(analysis::tray_map::Args),
@@ -56,6 +61,8 @@ fn main() -> ExitCode {
         Command::Check(args) => scenario_file::check(&args),
         Command::Node(args) => return node(args),
         Command::Teach(args) => teach::run(&args),
+        Command::Part(args) => part::run(&args),
+        Command::Bulk(args) => bulk::run(&args),
         Command::PlanMove(args) => plan_move::run(&args),
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),

@@ -22,6 +22,21 @@ pub(crate) struct Summary {
     wrong_pose_delivered: u32,
     /// Largest displacement in the tray frame of a delivered part between settled and picked, m.
     max_slip_m: f64,
+    /// Parts per minute that passed the camera, and of these those that lay right and apart.
+    passed_per_min: f64,
+    good_per_min: f64,
+    /// What the selector called right and was; and was not; and good parts it never called right. Once a lap each.
+    right_selections: u32,
+    wrong_selections: u32,
+    missed_selections: u32,
+    /// Share of the parts on the plateau with a gap of one length or more, and the mean gap, m.
+    singulation: f64,
+    gap_m: f64,
+    /// Mean time from leaving the plateau to entering it again, s.
+    recirculation_s: f64,
+    /// Jams on the ramp, and parts stranded at the end.
+    jams: u32,
+    stranded: u32,
     /// Simulated time, s.
     sim_s: f64,
     /// Wall time of the run without start-up, s.
@@ -36,6 +51,8 @@ impl Summary {
     pub(crate) fn new(progress: &Progress, ticks: u64, tick_ns: u64, startup: Duration, wall: Duration) -> Self {
         let sim_s = Duration::from_nanos(ticks * tick_ns).as_secs_f64();
         let wall_s = wall.as_secs_f64();
+        let feed = &progress.feed;
+        let report = &feed.report;
         Self {
             fed: progress.fed,
             seen: progress.seen.len(),
@@ -43,6 +60,16 @@ impl Summary {
             delivered: progress.delivered,
             wrong_pose_delivered: progress.wrong_pose_delivered,
             max_slip_m: progress.max_slip_m,
+            passed_per_min: report.per_minute(report.passed),
+            good_per_min: report.per_minute(report.good),
+            right_selections: feed.right_selections,
+            wrong_selections: feed.wrong_selections,
+            missed_selections: feed.missed_selections,
+            singulation: report.singulation,
+            gap_m: report.gap_m,
+            recirculation_s: report.recirculation_s,
+            jams: feed.jams,
+            stranded: feed.stranded,
             sim_s,
             wall_s,
             startup_s: startup.as_secs_f64(),
@@ -64,6 +91,16 @@ impl fmt::Display for Summary {
         row("parts delivered", self.delivered.to_string())?;
         row("  of these in a wrong pose", self.wrong_pose_delivered.to_string())?;
         row("largest slip of a delivered part", format!("{:.1} µm", self.max_slip_m * 1e6))?;
+        row("past the camera", format!("{:.1} /min", self.passed_per_min))?;
+        row("  of these right and apart", format!("{:.1} /min", self.good_per_min))?;
+        row("selected rightly", self.right_selections.to_string())?;
+        row("  wrongly", self.wrong_selections.to_string())?;
+        row("  missed", self.missed_selections.to_string())?;
+        row("apart on the plateau", format!("{:.0} %", 100.0 * self.singulation))?;
+        row("  mean gap", format!("{:.1} mm", 1e3 * self.gap_m))?;
+        row("recirculation", format!("{:.1} s", self.recirculation_s))?;
+        row("jams", self.jams.to_string())?;
+        row("parts stranded", self.stranded.to_string())?;
         row("simulated time", format!("{:.2} s", self.sim_s))?;
         row("wall time", format!("{:.2} s", self.wall_s))?;
         row("start-up", format!("{:.2} s", self.startup_s))?;

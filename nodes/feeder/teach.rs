@@ -35,15 +35,16 @@ pub(crate) fn run(args: &TeachArgs) -> anyhow::Result<()> {
 }
 
 fn taught(scenario: &Scenario) -> anyhow::Result<PartModel> {
-    let renderer = Renderer::new(&scenario.scene())?;
+    let part = scenario.part_type()?;
+    let renderer = Renderer::new(&scenario.scene(&part))?;
     let mut random = generator(scenario.seed, "teach");
     let place = scenario.delivery.feeding_place;
     let platen_from_tray = Isometry2::new(place.xy(), place.z);
     let mut pictures: Vec<(GrayImage, usize)> = Vec::new();
-    for pose in 0..scenario.part.resting_poses.len() {
+    for pose in 0..part.poses.len() {
         for frame in 0..FRAMES_PER_POSE {
             let mut image = GrayImage::default();
-            let parts = laid_out(scenario, pose, frame);
+            let parts = laid_out(scenario, part.outline_radius_m(), pose, frame);
             renderer.render(&platen_from_tray, &parts, &mut random, &mut image)?;
             pictures.push((image, pose));
         }
@@ -51,17 +52,16 @@ fn taught(scenario: &Scenario) -> anyhow::Result<PartModel> {
     let frames: Vec<TeachFrame<'_>> =
         pictures.iter().map(|(image, pose)| TeachFrame { image, platen_from_tray, pose: *pose }).collect();
     let spec = TeachSpec {
-        diameter_m: scenario.part.diameter_m,
-        height_m: scenario.part.thickness_m,
+        diameter_m: 2.0 * part.outline_radius_m(),
+        height_m: part.poses[part.wanted_poses[0]].height_m,
         contrast_min_levels: scenario.selector.contrast_min_levels,
     };
     teach(&frames, &scenario.camera.model, &scenario.tray, spec).context("cannot teach this part")
 }
 
 /// Parts of one pose, spread over the plateau: by angle within a picture, by radius from picture to picture.
-fn laid_out(scenario: &Scenario, pose: usize, frame: u32) -> Vec<PartView> {
+fn laid_out(scenario: &Scenario, radius_m: f64, pose: usize, frame: u32) -> Vec<PartView> {
     let tray = &scenario.tray.geometry;
-    let radius_m = scenario.part.radius_m();
     let (inner_m, outer_m) = (tray.inner_radius_m + 2.0 * radius_m, tray.outer_radius_m - 1.2 * radius_m);
     let share = f64::from(frame) / f64::from(FRAMES_PER_POSE - 1);
     let r_m = inner_m + (outer_m - inner_m) * (0.4 + 0.6 * share);

@@ -52,6 +52,9 @@ pub(crate) struct UpArgs {
     /// Write the summary to this file (JSON)
     #[arg(long, value_name = "FILE")]
     summary: Option<PathBuf>,
+    /// Draw how well the feeder fed, second by second, into this folder (SVG and CSV); made if need be
+    #[arg(long, value_name = "FOLDER")]
+    plot: Option<PathBuf>,
     /// Write a fingerprint of every topic to this file
     #[arg(long, value_name = "FILE")]
     digest: Option<PathBuf>,
@@ -67,6 +70,7 @@ impl Default for UpArgs {
             duration: None,
             composed: false,
             summary: None,
+            plot: None,
             digest: None,
         }
     }
@@ -145,6 +149,9 @@ pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
     print!("{summary}");
     if let Some(file) = &args.summary {
         write(file, &summary.to_json()?)?;
+    }
+    if let Some(folder) = &args.plot {
+        crate::plot::write(folder, &progress.history)?;
     }
     result.context("the run ended early")?;
     left.context("the run reached its end, but not every node left well")?;
@@ -241,7 +248,7 @@ fn write(file: &Path, text: &str) -> anyhow::Result<()> {
 fn start_monitor(seat: &Seat, scenario: &Scenario, progress: Arc<Mutex<Progress>>) -> anyhow::Result<NodeThread> {
     let mut declare = Declare::new(&seat.namespace);
     let ports = RunMonitor::declare(&mut declare, scenario);
-    let monitor = RunMonitor::watched(ports, scenario, progress);
+    let monitor = RunMonitor::watched(ports, scenario, progress)?;
     let (seat, scenario) = (seat.clone(), scenario.clone());
     let thread = std::thread::Builder::new().name(RunMonitor::NAME.to_owned());
     Ok(thread.spawn(move || run_opened(&seat, monitor, RunMonitor::NAME, &scenario, declare.finish()))?)

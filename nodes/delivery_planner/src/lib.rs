@@ -106,7 +106,7 @@ impl FeederNode for DeliveryPlanner {
             trajectory: ActionClient::new(ports.trajectory),
             deliver: ActionServer::new(ports.deliver),
             sequencer,
-            part_class: config.part.name.clone(),
+            part_class: config.part_type().map_err(NodeError::new)?.name,
             tray_frame: format!("{}/tray", config.feeder),
             random: generator(config.seed, Self::NAME),
             deliveries: BTreeMap::new(),

@@ -82,6 +82,8 @@ impl FeederNode for OverheadManipulator {
             let known: Vec<_> = config.stations.iter().map(|station| &station.name).collect();
             NodeError::new(format!("the namespace of a manipulator is the name of a station; known are {known:?}"))
         })?;
+        let part = config.part_type().map_err(NodeError::new)?;
+        let pose_class = part.wanted_pose_names().next().unwrap_or_default().to_owned();
         Ok(Self {
             deliver: ActionClient::new(ports.deliver),
             pick: ports.pick,
@@ -89,8 +91,8 @@ impl FeederNode for OverheadManipulator {
             joint_states: ports.joint_states,
             tf_static: ports.tf_static,
             manipulator: Manipulator::new(station.manipulator).map_err(NodeError::new)?,
-            part_class: config.part.name.clone(),
-            pose_class: config.part.wanted_pose.clone(),
+            pose_class,
+            part_class: part.name,
             plateau_height_m: config.tray.plateau_height_m(),
             random: generator(config.seed, &station.name),
             station,

@@ -1,7 +1,7 @@
 //! The camera above the feeding place.
 
 use feeder_core::camera::{CameraModel, PartView, Renderer, codec};
-use feeder_core::parts::{Part, PartBulk, Place};
+use feeder_core::parts::{Part, PartBulk, PartType, Place};
 use feeder_core::scenario::Scenario;
 use feeder_core::seed::generator;
 use feeder_runtime::dds::Qos;
@@ -53,10 +53,10 @@ pub(crate) struct Camera {
 }
 
 impl Camera {
-    pub(crate) fn open(config: &Scenario) -> Result<Self, NodeError> {
+    pub(crate) fn open(config: &Scenario, part: &PartType) -> Result<Self, NodeError> {
         let period_ns = config.camera.period_ms * 1_000_000;
         Ok(Self {
-            renderer: Renderer::new(&config.scene()).map_err(NodeError::new)?,
+            renderer: Renderer::new(&config.scene(part)).map_err(NodeError::new)?,
             model: config.camera.model.clone(),
             tray: config.tray.geometry,
             period_ns,

@@ -73,8 +73,13 @@ impl FeederNode for PartSimulator {
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
         let seed = seed_for(config.seed, Self::NAME);
-        let mut bulk =
-            PartBulk::new(config.tray.geometry, config.part.clone(), config.bulk, seed).map_err(NodeError::new)?;
+        let part = config.part_type().map_err(NodeError::new)?;
+        let settings = config.bulk_settings(&part).map_err(NodeError::new)?;
+        let camera = Camera::open(config, &part)?;
+        for hazard in part.hazards() {
+            tracing::warn!("{}: likely in bulk, and not modelled: {hazard}", part.name);
+        }
+        let mut bulk = PartBulk::new(config.tray.geometry, part, settings, seed).map_err(NodeError::new)?;
         let wanted = usize::try_from(config.parts_loaded).map_err(NodeError::new)?;
         let outcome = bulk.load(wanted);
         if outcome.refused > 0 {
@@ -84,7 +89,7 @@ impl FeederNode for PartSimulator {
         Ok(Self {
             ports,
             bulk,
-            camera: Camera::open(config)?,
+            camera,
             frame: format!("{}/tray", config.feeder),
             plateau_height_m: config.tray.plateau_height_m(),
             platen_from_tray: Isometry2::new(start.xy(), start.z),
@@ -142,7 +147,7 @@ impl PartSimulator {
         let missed = |message: String| PickResponse { picked: false, part_id: 0, message };
         let tool = &request.tool_in_platen.position;
         let height_m = tool.z - self.plateau_height_m;
-        let reach_m = 0.5 * (request.gripper_opening_m - self.bulk.part_type().diameter_m);
+        let reach_m = 0.5 * (request.gripper_opening_m - self.bulk.part_type().width_min_m());
         let response = if !(tool.x.is_finite() && tool.y.is_finite() && height_m.abs() <= GRIP_HEIGHT_M) {
             missed(format!("the tool is {height_m} m above the plateau, allowed is {GRIP_HEIGHT_M} m either way"))
         } else if reach_m.is_nan() || reach_m <= 0.0 {
@@ -183,6 +188,7 @@ impl PartSimulator {
             fed: count(counters.fed),
             recirculated: count(counters.recirculated),
             picked: count(counters.picked),
+            jams: count(counters.jams),
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The run monitor: scores a run against ground truth. It is the only node besides viewers that hears the truth, and
 //! nobody in the feeder hears what it finds.
 
+mod feed;
 mod truth;
 
 use std::collections::BTreeSet;
@@ -10,14 +11,20 @@ use std::time::Duration;
 use feeder_core::scenario::Scenario;
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{Declare, FeederNode, Latency, NodeError, Publisher, StepIo, Subscriber, ns_of_stamp};
-use minifactory_msgs::msg::{DeliveryState, PartStates, PickEvent, RunProgress};
+use minifactory_msgs::msg::{DeliveryState, FeedMetrics, PartStates, PickEvent, RunProgress};
+use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::vision_msgs::msg::Detection3DArray;
 use nalgebra::Vector2;
 
+pub use feed::Feed;
+use feed::FeedScore;
 use truth::Truth;
 
 /// Ticks between progress messages.
 const PROGRESS_TICKS: u64 = 10;
+
+/// Time between messages on how well the feeder feeds, ns.
+const METRICS_NS: u64 = 1_000_000_000;
 
 /// How a run has gone so far.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -34,6 +41,10 @@ pub struct Progress {
     pub wrong_pose_delivered: u32,
     /// Largest displacement in the tray frame of a delivered part between settled and picked, m.
     pub max_slip_m: f64,
+    /// How well the feeder feeds and the selector selects.
+    pub feed: Feed,
+    /// The same at every second of simulated time: stamp (s) and figures.
+    pub history: Arc<Vec<(f64, Feed)>>,
 }
 
 /// Handles of the monitor's ports.
@@ -43,16 +54,20 @@ pub struct Ports {
     delivery: Subscriber<DeliveryState>,
     picks: Subscriber<PickEvent>,
     progress: Publisher<RunProgress>,
+    metrics: Publisher<FeedMetrics>,
 }
 
 /// The run monitor.
 pub struct RunMonitor {
     ports: Ports,
-    wanted_class: String,
-    wanted_pose: u8,
+    wanted_classes: Vec<String>,
+    wanted_poses: Vec<u8>,
     part_radius_m: f64,
     goal_delivered: Option<u32>,
     truth: Truth,
+    score: FeedScore,
+    /// When the next message on how well the feeder feeds is due, ns.
+    metrics_ns: u64,
     progress: Progress,
     shown: Option<Arc<Mutex<Progress>>>,
 }
@@ -77,17 +92,28 @@ impl FeederNode for RunMonitor {
             delivery: io.subscriber("delivery_state", Latency::Forward, Qos::command()),
             picks: io.subscriber("picks", Latency::Forward, Qos::command()),
             progress: io.publisher("progress", Qos::command()),
+            metrics: io.publisher("feed_metrics", Qos::command()),
         }
     }
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
-        Ok(Self::new(ports, config))
+        Self::new(ports, config)
     }
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         for message in io.take(&self.ports.parts) {
             self.progress.fed = message.fed;
             self.truth.learn(&message);
+            let stamp_ns = ns_of_stamp(&message.header.stamp);
+            let time_s = Duration::from_nanos(stamp_ns).as_secs_f64();
+            self.score.learn(time_s, &message);
+            if stamp_ns >= self.metrics_ns {
+                self.metrics_ns += METRICS_NS;
+                self.progress.feed = self.score.feed();
+                Arc::make_mut(&mut self.progress.history).push((time_s, self.progress.feed.clone()));
+                let header = Header { stamp: message.header.stamp, frame_id: String::new() };
+                io.publish(&self.ports.metrics, &self.progress.feed.message(header));
+            }
         }
         for message in io.take(&self.ports.candidates) {
             self.score_candidates(&message);
@@ -113,22 +139,27 @@ impl FeederNode for RunMonitor {
 
 impl RunMonitor {
     /// A monitor that also shows its findings in `shown`.
-    #[must_use]
-    pub fn watched(ports: Ports, config: &Scenario, shown: Arc<Mutex<Progress>>) -> Self {
-        Self { shown: Some(shown), ..Self::new(ports, config) }
+    ///
+    /// # Errors
+    /// If the scenario has no part.
+    pub fn watched(ports: Ports, config: &Scenario, shown: Arc<Mutex<Progress>>) -> Result<Self, NodeError> {
+        Ok(Self { shown: Some(shown), ..Self::new(ports, config)? })
     }
 
-    fn new(ports: Ports, config: &Scenario) -> Self {
-        Self {
+    fn new(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
+        let part = config.part_type().map_err(NodeError::new)?;
+        Ok(Self {
             ports,
-            wanted_class: format!("{}/{}", config.part.name, config.part.wanted_pose),
-            wanted_pose: u8::try_from(config.part.wanted_pose_index()).unwrap_or(u8::MAX),
-            part_radius_m: config.part.radius_m(),
+            wanted_classes: part.wanted_pose_names().map(|pose| format!("{}/{pose}", part.name)).collect(),
+            wanted_poses: part.wanted_poses.iter().filter_map(|&pose| u8::try_from(pose).ok()).collect(),
+            part_radius_m: part.outline_radius_m(),
             goal_delivered: config.run.goal_delivered,
+            score: FeedScore::new(config.tray.geometry, &part),
+            metrics_ns: METRICS_NS,
             truth: Truth::default(),
             progress: Progress::default(),
             shown: None,
-        }
+        })
     }
 
     /// Finds out which parts the selector meant, by where they were when the picture was taken.
@@ -137,9 +168,15 @@ impl RunMonitor {
         for detection in &message.detections {
             let center = &detection.bbox.center.position;
             let center = Vector2::new(center.x, center.y);
-            let Some(id) = self.truth.part_at(stamp_ns, &center, self.part_radius_m) else { continue };
+            let part = self.truth.part_at(stamp_ns, &center, self.part_radius_m);
+            let called_right =
+                detection.results.iter().any(|result| self.wanted_classes.contains(&result.hypothesis.class_id));
+            if called_right && self.truth.knows(stamp_ns) {
+                self.score.selected(part);
+            }
+            let Some((id, _)) = part else { continue };
             self.progress.seen.insert(id);
-            if detection.results.iter().any(|result| result.hypothesis.class_id == self.wanted_class) {
+            if called_right {
                 self.progress.selected.insert(id);
             }
         }
@@ -148,7 +185,7 @@ impl RunMonitor {
     fn score_pick(&mut self, event: &PickEvent) {
         if event.picked {
             self.progress.delivered += 1;
-            self.progress.wrong_pose_delivered += u32::from(event.resting_pose != self.wanted_pose);
+            self.progress.wrong_pose_delivered += u32::from(!self.wanted_poses.contains(&event.resting_pose));
             self.progress.max_slip_m = self.truth.slip_m(event.part_id).max(self.progress.max_slip_m);
         }
     }

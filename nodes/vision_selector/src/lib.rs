@@ -82,10 +82,11 @@ impl FeederNode for VisionSelector {
     }
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
+        let part = config.part_type().map_err(NodeError::new)?;
         let names = Names {
-            part: config.part.name.clone(),
-            poses: config.part.resting_poses.iter().map(|pose| pose.name.clone()).collect(),
-            wanted_poses: config.selector().wanted_poses,
+            poses: part.poses.iter().map(|pose| pose.name.clone()).collect(),
+            wanted_poses: part.wanted_poses,
+            part: part.name,
             tray_frame: format!("{}/tray", config.feeder),
         };
         let (camera, tray) = (config.camera.model.clone(), config.tray);

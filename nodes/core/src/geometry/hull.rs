@@ -50,11 +50,6 @@ impl Face {
     pub(super) fn tip_angle_rad(&self, edge: Edge) -> f64 {
         edge.margin_m.atan2(self.height_m)
     }
-
-    /// Whether the centre of mass stands above the face.
-    pub(super) fn carries(&self) -> bool {
-        self.edges.iter().all(|edge| edge.margin_m > 0.0)
-    }
 }
 
 /// The rotation, no longer than it must be, that lays a part on the face with this outward normal.

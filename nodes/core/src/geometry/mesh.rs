@@ -3,6 +3,8 @@
 use std::collections::HashMap;
 
 use nalgebra::{Matrix3, Point3, Vector3};
+use parry3d_f64::math::Vector;
+use parry3d_f64::transformation::try_convex_hull;
 use thiserror::Error;
 
 /// Most triangles a part may have. More would not be seen at the camera's resolution.
@@ -157,6 +159,17 @@ impl PartMesh {
     #[must_use]
     pub fn radius_m(&self) -> f64 {
         self.vertices.iter().map(|vertex| vertex.coords.norm()).fold(0.0, f64::max)
+    }
+
+    /// Share of its convex hull that the part fills, 0 to 1; 1 if it has no hull.
+    #[must_use]
+    pub fn solidity(&self) -> f64 {
+        let points: Vec<Vector> = self.vertices.iter().map(|point| Vector::new(point.x, point.y, point.z)).collect();
+        let Ok((corners, triangles)) = try_convex_hull(&points) else { return 1.0 };
+        let corners: Vec<Point3<f64>> =
+            corners.iter().map(|corner| Point3::new(corner.x, corner.y, corner.z)).collect();
+        let (hull_m3, _) = volume_and_centre(&corners, &triangles);
+        self.volume_m3 / hull_m3
     }
 
     /// The corners of a triangle, m.

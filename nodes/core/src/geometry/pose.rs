@@ -12,6 +12,12 @@ use super::{Outline, PartMesh};
 /// experiments", use 20° for parts dropped on a flat floor.
 pub const PERTURBATION_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
+/// Faces whose heights differ by less than this share are level: a part rolls from one to the other without rising.
+const LEVEL: f64 = 0.01;
+
+/// A face is lower than another if it is so by this share. A circle's sides are equally high but for rounding.
+const DESCENT: f64 = 1e-4;
+
 /// Edges whose tilts differ by less are equally easy to go over, rad.
 const TIE_RAD: f64 = 1e-6;
 
@@ -38,7 +44,7 @@ pub struct StablePose {
     /// If the part can roll in this pose.
     pub rolls: bool,
     /// The directions, in the part frame, one of which is up in this pose: more than one where symmetry makes them the
-    /// same.
+    /// same. The first is up in `orientation`.
     pub up: Vec<Vector3<f64>>,
 }
 
@@ -64,15 +70,17 @@ pub enum PoseError {
 pub fn stable_poses(mesh: &PartMesh) -> Result<Vec<StablePose>, PoseError> {
     let faces = hull::faces(mesh)?;
     let symmetry = Symmetry::new(mesh)?;
-    let classes = classes(&faces, &symmetry);
-    let probabilities = settle(&faces, &classes);
+    let probabilities = settle(&faces);
+    let classes = classes(&faces, &probabilities, &symmetry);
+    let kept: f64 = (0..faces.len()).filter(|&face| classes[face].is_some()).map(|face| probabilities[face]).sum();
     let mut poses = Vec::new();
-    for class in 0..faces.len() {
+    for class in (0..faces.len()).filter(|&face| classes[face] == Some(face)) {
         let members: Vec<usize> = (0..faces.len()).filter(|&face| classes[face] == Some(class)).collect();
-        let probability: f64 = members.iter().map(|&face| probabilities[face]).sum();
-        if probability > 0.0 {
-            poses.push(pose(mesh, &faces, &classes, &symmetry, &members, probability)?);
-        }
+        let probability = members.iter().map(|&face| probabilities[face]).sum::<f64>() / kept;
+        poses.push(pose(mesh, &faces, &classes, &symmetry, &members, probability));
+    }
+    if poses.is_empty() {
+        return Err(PoseError::RollsEverywhere);
     }
     poses.sort_by(|a, b| b.probability.total_cmp(&a.probability));
     for (index, pose) in poses.iter_mut().enumerate() {
@@ -81,27 +89,31 @@ pub fn stable_poses(mesh: &PartMesh) -> Result<Vec<StablePose>, PoseError> {
     Ok(poses)
 }
 
-/// For each face that carries the part, the first face which it is the same to lie on.
-fn classes(faces: &[Face], symmetry: &Symmetry<'_>) -> Vec<Option<usize>> {
+/// For each face on which the part stays, the first face which it is the same to lie on. A part does not stay on a face
+/// from which it rolls on every side without rising.
+fn classes(faces: &[Face], probabilities: &[f64], symmetry: &Symmetry<'_>) -> Vec<Option<usize>> {
     let mut classes: Vec<Option<usize>> = vec![None; faces.len()];
     for (index, face) in faces.iter().enumerate() {
-        if face.carries() {
-            let first =
-                (0..index).find(|&other| classes[other] == Some(other) && symmetry.same_lie(&faces[other], face));
-            classes[index] = Some(first.unwrap_or(index));
+        let rolls_over = |edge: &Edge| {
+            let level = (faces[edge.neighbour].height_m / face.height_m - 1.0).abs() < LEVEL;
+            level && face.tip_angle_rad(*edge) < PERTURBATION_RAD
+        };
+        if probabilities[index] > 0.0 && !face.edges.iter().all(rolls_over) {
+            let same = |&other: &usize| classes[other] == Some(other) && symmetry.same_lie(&faces[other], face);
+            classes[index] = Some((0..index).find(same).unwrap_or(index));
         }
     }
     classes
 }
 
 /// Where the part ends up, by face.
-fn settle(faces: &[Face], classes: &[Option<usize>]) -> Vec<f64> {
+fn settle(faces: &[Face]) -> Vec<f64> {
     let mut probabilities: Vec<f64> = faces.iter().map(|face| face.share).collect();
     let total: f64 = probabilities.iter().sum();
     let mut order: Vec<usize> = (0..faces.len()).collect();
     order.sort_by(|&a, &b| faces[b].height_m.total_cmp(&faces[a].height_m));
     for &index in &order {
-        let next = next_faces(index, faces, classes);
+        let next = next_faces(index, faces);
         if !next.is_empty() {
             let each = std::mem::take(&mut probabilities[index]) / next.len() as f64;
             next.iter().for_each(|&next| probabilities[next] += each);
@@ -111,12 +123,9 @@ fn settle(faces: &[Face], classes: &[Option<usize>]) -> Vec<f64> {
 }
 
 /// The lower faces to which a part rolls on, if it does not stay: more than one where several edges take the same.
-fn next_faces(index: usize, faces: &[Face], classes: &[Option<usize>]) -> Vec<usize> {
+fn next_faces(index: usize, faces: &[Face]) -> Vec<usize> {
     let face = &faces[index];
-    let leads_down = |edge: &&Edge| {
-        let same = classes[index].is_some() && classes[edge.neighbour] == classes[index];
-        !same && faces[edge.neighbour].height_m < face.height_m
-    };
+    let leads_down = |edge: &&Edge| faces[edge.neighbour].height_m < (1.0 - DESCENT) * face.height_m;
     let exits = face.edges.iter().filter(leads_down).map(|edge| (face.tip_angle_rad(*edge), edge.neighbour));
     let easiest_rad = exits.clone().map(|(angle_rad, _)| angle_rad).fold(PERTURBATION_RAD, f64::min);
     exits
@@ -132,7 +141,7 @@ fn pose(
     symmetry: &Symmetry<'_>,
     members: &[usize],
     probability: f64,
-) -> Result<StablePose, PoseError> {
+) -> StablePose {
     // Of equal faces the one that needs the shortest turn, so that the yaw means something to whoever drew the part.
     let turn = |face: &usize| hull::laid_on(&faces[*face].normal).angle();
     let first = members.iter().min_by(|a, b| turn(a).total_cmp(&turn(b))).copied().unwrap_or_default();
@@ -140,13 +149,10 @@ fn pose(
     let same = |neighbour: usize| classes[neighbour] == classes[first];
     let exits = face.edges.iter().filter(|edge| !same(edge.neighbour)).map(|edge| face.tip_angle_rad(*edge));
     let tip_angle_rad = exits.fold(f64::INFINITY, f64::min);
-    if tip_angle_rad == f64::INFINITY && members.len() > 8 {
-        return Err(PoseError::RollsEverywhere);
-    }
     let rolls = face.edges.iter().any(|edge| same(edge.neighbour) && face.tip_angle_rad(*edge) < PERTURBATION_RAD);
     let orientation = hull::laid_on(&face.normal);
     let heights = mesh.vertices().iter().map(|vertex| (orientation * vertex).z);
-    Ok(StablePose {
+    StablePose {
         name: String::new(),
         orientation,
         com_height_m: face.height_m,
@@ -160,6 +166,10 @@ fn pose(
             face.edges.iter().map(|edge| face.tip_angle_rad(*edge)).fold(f64::INFINITY, f64::min)
         },
         rolls,
-        up: members.iter().map(|&member| -faces[member].normal).collect(),
-    })
+        up: [first]
+            .iter()
+            .chain(members.iter().filter(|&&member| member != first))
+            .map(|&member| -faces[member].normal)
+            .collect(),
+    }
 }

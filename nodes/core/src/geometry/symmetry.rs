@@ -24,6 +24,9 @@ const REFLECTANCE_TOLERANCE: f64 = 0.02;
 /// Highest order of symmetry told from full rotational symmetry.
 const ORDER_MAX: u32 = 12;
 
+/// Most points compared: of larger meshes every so-manieth.
+const PROBES_MAX: usize = 400;
+
 /// Tells which turns leave a part as it was.
 pub(super) struct Symmetry<'a> {
     mesh: &'a PartMesh,
@@ -48,6 +51,8 @@ impl<'a> Symmetry<'a> {
         let mut probes: Vec<_> = corners.chain(centres).collect();
         // What sticks out farthest tells soonest.
         probes.sort_by(|a, b| b.0.coords.norm().total_cmp(&a.0.coords.norm()));
+        let step = probes.len().div_ceil(PROBES_MAX);
+        let probes = probes.into_iter().step_by(step).collect();
         Ok(Self { mesh, surface, tolerance_m: TOLERANCE * mesh.radius_m(), probes })
     }
 

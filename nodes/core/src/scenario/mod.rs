@@ -1,5 +1,6 @@
 //! A scenario: everything a run depends on, in one YAML file.
 
+mod loading;
 mod waveform;
 
 use std::fmt;
@@ -8,12 +9,12 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::{
-    CameraModel, LightModel, MountedTray, PartSolid, Scene, SensorModel, TrayAppearance,
+    CameraModel, FaceAppearance, LightModel, MountedTray, PartAppearance, Scene, SensorModel, TrayAppearance,
 };
 use crate::courier::CourierConfig;
 use crate::delivery::DeliveryConfig;
 use crate::manipulator::ManipulatorConfig;
-use crate::parts::{BulkSettings, PartType};
+use crate::parts::{BulkSettings, PartSource, PartType};
 use crate::range::OutOfRange;
 use crate::selection::{PartModel, Selector, SelectorConfig};
 use crate::waveform::Waveform;
@@ -42,9 +43,9 @@ pub struct Scenario {
     /// The courier and its driver.
     #[serde(default)]
     pub courier: CourierConfig,
-    /// The parts.
-    pub part: PartType,
-    /// How the parts behave in bulk.
+    /// The parts: the name of a part of the catalogue, a part file, or a part.
+    pub part: PartSource,
+    /// How the parts behave in bulk. Where the radii are left out they follow from waveform, tray and friction.
     #[serde(default)]
     pub bulk: BulkSettings,
     /// How many parts are loaded at the start.
@@ -119,6 +120,10 @@ pub struct CameraSection {
     pub jpeg_quality: u8,
     /// Optics, size and place, as calibrated.
     pub model: CameraModel,
+    /// How the faces of the parts look, one for each stable pose.
+    pub faces: Vec<FaceAppearance>,
+    /// Reflectance of the sides of the parts, 0 to 1.
+    pub side_reflectance: f64,
     /// How tray and platen look.
     #[serde(default)]
     pub tray: TrayAppearance,
@@ -172,11 +177,9 @@ impl Default for Scenario {
 impl FromStr for Scenario {
     type Err = ScenarioError;
 
-    /// Reads a scenario from YAML and checks it.
+    /// Reads a scenario from YAML and checks it. Its part must be one of the catalogue or spelled out.
     fn from_str(yaml: &str) -> Result<Self, ScenarioError> {
-        let scenario: Self = serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(error.to_string()))?;
-        scenario.validate()?;
-        Ok(scenario)
+        Self::read(yaml, &mut |_| Err("not found in the catalogue, and no file was read".to_owned()))
     }
 }
 
@@ -184,6 +187,27 @@ impl FromStr for Scenario {
 const DURATION_S_MAX: f64 = 86_400.0;
 
 impl Scenario {
+    /// Reads a scenario from YAML and checks it. `read` returns the content of a file the scenario names, or why there
+    /// is none.
+    ///
+    /// # Errors
+    /// A text that is no scenario, a value out of range, or a file that cannot be read.
+    pub fn read(yaml: &str, read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Self, ScenarioError> {
+        let mut scenario: Self =
+            serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(error.to_string()))?;
+        scenario.part.load(read).map_err(|error| invalid("part", &error))?;
+        scenario.validate()?;
+        Ok(scenario)
+    }
+
+    /// The part, with its stable poses.
+    ///
+    /// # Errors
+    /// A part that is neither in the catalogue nor spelled out, or is none.
+    pub fn part_type(&self) -> Result<PartType, ScenarioError> {
+        self.part.part_type().map_err(|error| invalid("part", &error))
+    }
+
     /// The same scenario with another duration.
     ///
     /// # Errors
@@ -210,32 +234,23 @@ impl Scenario {
         self.waveform.design(&self.tray.geometry).map_err(|error| invalid("waveform", &error))
     }
 
-    /// What the camera sees beside the parts.
+    /// What the camera sees.
     #[must_use]
-    pub fn scene(&self) -> Scene {
+    pub fn scene(&self, part: &PartType) -> Scene {
+        let lying = &part.poses[part.wanted_poses[0]];
         Scene {
             camera: self.camera.model.clone(),
             tray: self.tray,
             tray_appearance: self.camera.tray,
-            part: self.solid(),
+            part: PartAppearance {
+                diameter_m: 2.0 * lying.outline.radius_m,
+                thickness_m: lying.height_m,
+                side_reflectance: self.camera.side_reflectance,
+                faces: self.camera.faces.clone(),
+            },
             light: self.camera.light,
             sensor: self.camera.sensor,
         }
-    }
-
-    fn solid(&self) -> PartSolid {
-        use crate::geometry::{ShapeSpec, Solid, stable_poses};
-        let (r, h) = (0.5 * self.part.diameter_m, self.part.thickness_m);
-        let profile = |points: &[[f64; 2]]| points.iter().map(|[x, y]| [x * r, y * h]).collect();
-        let solids = vec![
-            Solid::Revolved {
-                profile_m: profile(&[[0.3, 0.0], [1.0, 0.0], [1.0, 0.35], [0.5, 0.35], [0.5, 1.0], [0.3, 1.0]]),
-                reflectance: None,
-            },
-        ];
-        let mesh = ShapeSpec::Solids(solids).mesh(0.35).unwrap();
-        let poses = stable_poses(&mesh).unwrap();
-        PartSolid::new(mesh, &poses[..2])
     }
 
     /// The delivery planner's parameters, with the stations of this scenario.
@@ -245,10 +260,10 @@ impl Scenario {
         DeliveryConfig { stations_m: stations_m.collect(), ..self.delivery.clone() }
     }
 
-    /// The selector's parameters, with the wanted pose of the part.
+    /// The selector's parameters, with the wanted poses of the part.
     #[must_use]
-    pub fn selector(&self) -> SelectorConfig {
-        SelectorConfig { wanted_poses: vec![self.part.wanted_pose_index()], ..self.selector.clone() }
+    pub fn selector(&self, part: &PartType) -> SelectorConfig {
+        SelectorConfig { wanted_poses: part.wanted_poses.clone(), ..self.selector.clone() }
     }
 
     /// A selector that knows the part.
@@ -261,7 +276,7 @@ impl Scenario {
                 "missing: teach the part with `feeder teach --scenario FILE` and add what it prints".to_owned();
             return Err(ScenarioError::Invalid { section: "part_model", problem });
         };
-        Selector::new(self.selector(), &self.camera.model, &self.tray, &model)
+        Selector::new(self.selector(&self.part_type()?), &self.camera.model, &self.tray, model)
             .map_err(|error| invalid("selector", &error))
     }
 
@@ -278,9 +293,11 @@ impl Scenario {
         geometry.map_err(|error| invalid("tray", &error))?;
         self.courier.validate().map_err(|error| invalid("courier", &error))?;
         self.validate_waveform()?;
-        crate::parts::PartBulk::new(self.tray.geometry, self.part.clone(), self.bulk, self.seed)
+        let part = self.part_type()?;
+        let bulk = self.bulk_settings(&part)?;
+        crate::parts::PartBulk::new(self.tray.geometry, part.clone(), bulk, self.seed)
             .map_err(|error| invalid("bulk", &error))?;
-        self.validate_camera()?;
+        self.validate_camera(&part)?;
         if self.part_model.is_some() {
             self.taught_selector()?;
         }
@@ -314,7 +331,7 @@ impl Scenario {
         driver.set_waveform(&waveform, true).map_err(|error| invalid("waveform", &error))
     }
 
-    fn validate_camera(&self) -> Result<(), ScenarioError> {
+    fn validate_camera(&self, part: &PartType) -> Result<(), ScenarioError> {
         check_count("camera", "period_ms", self.camera.period_ms, self.time.tick_ms, 10_000)?;
         if !self.camera.period_ms.is_multiple_of(self.time.tick_ms) {
             let problem =
@@ -322,7 +339,12 @@ impl Scenario {
             return Err(ScenarioError::Invalid { section: "camera", problem });
         }
         check_count("camera", "jpeg_quality", self.camera.jpeg_quality.into(), 1, 100)?;
-        self.scene().validate().map_err(|error| invalid("camera", &error))
+        let (faces, poses) = (self.camera.faces.len(), part.poses.len());
+        if faces != poses {
+            let problem = format!("faces has {faces} entries, allowed is {poses}, one for each stable pose");
+            return Err(ScenarioError::Invalid { section: "camera", problem });
+        }
+        crate::camera::Renderer::new(&self.scene(part)).map(drop).map_err(|error| invalid("camera", &error))
     }
 
     fn validate_stations(&self) -> Result<(), ScenarioError> {
