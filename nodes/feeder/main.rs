@@ -12,6 +12,7 @@ mod table;
 mod teach;
 mod up;
 mod view;
+mod vision;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -32,6 +33,7 @@ enum Command {
     Check(scenario_file::CheckArgs),
     Node(NodeArgs),
     Teach(teach::TeachArgs),
+    ScoreVision(vision::score_vision::Args),
     Part(part::Args),
     Bulk(bulk::Args),
     PlanMove(plan_move::Args),
@@ -61,6 +63,7 @@ fn main() -> ExitCode {
         Command::Check(args) => scenario_file::check(&args),
         Command::Node(args) => return node(args),
         Command::Teach(args) => teach::run(&args),
+        Command::ScoreVision(args) => vision::score_vision::run(&args),
         Command::Part(args) => part::run(&args),
         Command::Bulk(args) => bulk::run(&args),
         Command::PlanMove(args) => plan_move::run(&args),

@@ -187,7 +187,6 @@ impl Trial<'_> {
                     selector.admits(&candidates[shown]) && candidates[shown].pose == Some(part.pose)
                 });
                 score.isolated_selected += u32::from(taken);
-                if !taken && std::env::var("WHY").is_ok() { println!("missed {:?} gap {:.2} wall {:.2} edge {:.2}: {:?}", part, 1e3*crowd.part_gap_m(index), 1e3*crowd.wall_gap_m(index), 1e3*crowd.edge_gap_m(index), shown[index].map(|s| candidates[s])); }
             }
         }
     }

@@ -6,6 +6,7 @@ mod camera;
 
 use std::time::Duration;
 
+use feeder_core::camera::TrayShot;
 use feeder_core::motion::MotionBlock;
 use feeder_core::parts::{Part, PartBulk, Place};
 use feeder_core::scenario::Scenario;
@@ -42,7 +43,8 @@ pub struct PartSimulator {
     camera: Camera,
     frame: String,
     plateau_height_m: f64,
-    platen_from_tray: Isometry2<f64>,
+    /// The tray at the end of the motion known so far.
+    tray: TrayShot,
     /// When the motion known so far ends, ns.
     known_until_ns: u64,
 }
@@ -92,7 +94,7 @@ impl FeederNode for PartSimulator {
             camera,
             frame: format!("{}/tray", config.feeder),
             plateau_height_m: config.tray.plateau_height_m(),
-            platen_from_tray: Isometry2::new(start.xy(), start.z),
+            tray: TrayShot::still(Isometry2::new(start.xy(), start.z)),
             known_until_ns: 0,
         })
     }
@@ -113,7 +115,7 @@ impl FeederNode for PartSimulator {
             }
         }
         io.publish(&self.ports.parts, &self.part_states());
-        self.camera.look(io, &self.ports.camera, self.known_until_ns, &self.platen_from_tray, &self.bulk)
+        self.camera.look(io, &self.ports.camera, self.known_until_ns, &self.tray, &self.bulk)
     }
 }
 
@@ -124,7 +126,12 @@ impl PartSimulator {
         if let Some(last) = block.samples.last() {
             let dt = block.sample_period_s;
             let end = last.position + (last.velocity + 0.5 * dt * last.acceleration) * dt;
-            self.platen_from_tray = Isometry2::new(end.xy(), end.z);
+            let velocity = last.velocity + dt * last.acceleration;
+            self.tray = TrayShot {
+                platen_from_tray: Isometry2::new(end.xy(), end.z),
+                velocity_m_s: velocity.xy(),
+                yaw_rate_rad_s: velocity.z,
+            };
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a block lasts a tick")]
         let length_ns = (block.sample_period_s * block.samples.len() as f64 * 1e9).round() as u64;
@@ -154,7 +161,7 @@ impl PartSimulator {
             missed(format!("an opening of {} m is narrower than the part", request.gripper_opening_m))
         } else {
             let at = planar_isometry(&request.tool_in_platen).translation.vector;
-            let at = self.platen_from_tray.inverse_transform_point(&Point2::from(at));
+            let at = self.tray.platen_from_tray.inverse_transform_point(&Point2::from(at));
             match self.bulk.pick(at.x, at.y, reach_m) {
                 None => missed("nothing lies between the gripper's fingers".to_owned()),
                 Some(part) => {

@@ -21,6 +21,13 @@ impl PartSolid {
         Self { mesh, poses: poses.iter().map(|pose| pose.orientation).collect() }
     }
 
+    /// A part of the catalogue.
+    #[cfg(test)]
+    pub(crate) fn of_catalogue(name: &str) -> Self {
+        let part = crate::parts::PartSource::Name(name.to_owned()).part_type().unwrap();
+        Self::new(part.mesh, &part.poses)
+    }
+
     /// Checks every number.
     ///
     /// # Errors

@@ -9,7 +9,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::{
-    CameraModel, FaceAppearance, LightModel, MountedTray, PartAppearance, Scene, SensorModel, TrayAppearance,
+    CameraModel, LightModel, MountedTray, PartSolid, Scene, SensorModel, TrayAppearance,
 };
 use crate::courier::CourierConfig;
 use crate::delivery::DeliveryConfig;
@@ -120,10 +120,6 @@ pub struct CameraSection {
     pub jpeg_quality: u8,
     /// Optics, size and place, as calibrated.
     pub model: CameraModel,
-    /// How the faces of the parts look, one for each stable pose.
-    pub faces: Vec<FaceAppearance>,
-    /// Reflectance of the sides of the parts, 0 to 1.
-    pub side_reflectance: f64,
     /// How tray and platen look.
     #[serde(default)]
     pub tray: TrayAppearance,
@@ -237,17 +233,11 @@ impl Scenario {
     /// What the camera sees.
     #[must_use]
     pub fn scene(&self, part: &PartType) -> Scene {
-        let lying = &part.poses[part.wanted_poses[0]];
         Scene {
             camera: self.camera.model.clone(),
             tray: self.tray,
             tray_appearance: self.camera.tray,
-            part: PartAppearance {
-                diameter_m: 2.0 * lying.outline.radius_m,
-                thickness_m: lying.height_m,
-                side_reflectance: self.camera.side_reflectance,
-                faces: self.camera.faces.clone(),
-            },
+            part: PartSolid::new(part.mesh.clone(), &part.poses),
             light: self.camera.light,
             sensor: self.camera.sensor,
         }
@@ -271,7 +261,7 @@ impl Scenario {
     /// # Errors
     /// A part that was never taught, or values that do not go together.
     pub fn taught_selector(&self) -> Result<Selector, ScenarioError> {
-        let Some(model) = self.part_model.clone() else {
+        let Some(model) = &self.part_model else {
             let problem =
                 "missing: teach the part with `feeder teach --scenario FILE` and add what it prints".to_owned();
             return Err(ScenarioError::Invalid { section: "part_model", problem });
@@ -298,8 +288,9 @@ impl Scenario {
         crate::parts::PartBulk::new(self.tray.geometry, part.clone(), bulk, self.seed)
             .map_err(|error| invalid("bulk", &error))?;
         self.validate_camera(&part)?;
-        if self.part_model.is_some() {
-            self.taught_selector()?;
+        if let Some(model) = &self.part_model {
+            Selector::check(&self.selector(&part), &self.camera.model, &self.tray, model)
+                .map_err(|error| invalid("selector", &error))?;
         }
         self.delivery.validate().map_err(|error| invalid("delivery", &error))?;
         self.validate_stations()
@@ -339,12 +330,7 @@ impl Scenario {
             return Err(ScenarioError::Invalid { section: "camera", problem });
         }
         check_count("camera", "jpeg_quality", self.camera.jpeg_quality.into(), 1, 100)?;
-        let (faces, poses) = (self.camera.faces.len(), part.poses.len());
-        if faces != poses {
-            let problem = format!("faces has {faces} entries, allowed is {poses}, one for each stable pose");
-            return Err(ScenarioError::Invalid { section: "camera", problem });
-        }
-        crate::camera::Renderer::new(&self.scene(part)).map(drop).map_err(|error| invalid("camera", &error))
+        self.scene(part).validate().map_err(|error| invalid("camera", &error))
     }
 
     fn validate_stations(&self) -> Result<(), ScenarioError> {

@@ -9,7 +9,7 @@ use super::ImageFault;
 use super::align::{Fit, NO_PART, Owners, coarse, refine};
 use super::search::{Search, Seed};
 use super::segment::{Plateau, Segmentation};
-use super::sought::Sought;
+use super::sought::{Sought, slant_index};
 use super::template::PartModel;
 use super::view::{RayTable, View};
 use crate::camera::{CameraModel, MountedTray};
@@ -20,6 +20,8 @@ const BLOB_PX_MIN: usize = 9;
 const COARSE_COST_MAX: f32 = 7.0;
 /// A second yaw is tried where it misses by at most this much more than the best.
 const SECOND_YAW_COST: f32 = 1.5;
+/// So many turns all are tried.
+const FEW_TURNS: usize = 8;
 /// Share of a part's area that others may cover before it is taken for one of them.
 const OVERLAP_MAX: f64 = 0.2;
 /// Share of a part's area that another explanation of the same thing covers.
@@ -117,7 +119,13 @@ impl Detector {
         let sought = &self.sought[seed.pose];
         let window = self.segmentation.window;
         // The seed is a pixel or so beside the centre: the place where the best turn misses least is taken.
-        let turns = &sought.turns;
+        let seeded = Point2::new((window.left + seed.column) as f64, (window.top + seed.row) as f64);
+        let Some(slant) = view.tray_point(seeded, sought.plane_m).map(|place| view.slant(place, sought.plane_m)) else {
+            return;
+        };
+        let Some(turns) = sought.turns.get(slant_index(slant)) else {
+            return;
+        };
         let mut looks = vec![(f32::INFINITY, f32::NEG_INFINITY); turns.len()];
         let (mut best, mut best_place) = (0, (seed.column, seed.row));
         for (column, row) in around_seed(seed) {
@@ -138,7 +146,9 @@ impl Detector {
         let cost_after = |index: usize, step: usize| looks[(index + step) % looks.len()].0;
         for (index, (cost, evidence)) in looks.iter().copied().enumerate() {
             let valley = cost <= cost_after(index, 1) && cost <= cost_after(index, looks.len() - 1);
-            let tried = index == best || (valley && cost <= looks[best].0 + SECOND_YAW_COST);
+            // Where turns are few, the part is nearly round and they look much alike.
+            let promising = valley || looks.len() <= FEW_TURNS;
+            let tried = index == best || (promising && cost <= looks[best].0 + SECOND_YAW_COST);
             if tried && cost <= COARSE_COST_MAX {
                 let yaw_rad = turns[index].yaw_rad - view.platen_from_tray.rotation.angle();
                 guesses.push(Found { pose: seed.pose, fit: Fit { centre, yaw_rad, cost, evidence }, lead: f32::INFINITY });
@@ -215,7 +225,7 @@ impl Detector {
         let sought = &self.sought[a.pose];
         let symmetry = sought.template.yaw_symmetry;
         let apart_rad = yaw_difference_rad(a.fit.yaw_rad, b.fit.yaw_rad, symmetry).abs();
-        symmetry != 0 && apart_rad > OTHER_YAW_TURNS * std::f64::consts::TAU / f64::from(symmetry) / sought.turns.len() as f64
+        symmetry != 0 && apart_rad > OTHER_YAW_TURNS * std::f64::consts::TAU / f64::from(symmetry) / sought.yaw_count()
     }
 
     /// Fits parts that have neighbours again, without what belongs to those.

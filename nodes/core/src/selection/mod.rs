@@ -82,6 +82,23 @@ impl Selector {
         tray: &MountedTray,
         model: &PartModel,
     ) -> Result<Self, InvalidValue> {
+        Self::check(&config, camera, tray, model)?;
+        let symmetries = model.poses.iter().map(|pose| pose.yaw_symmetry).collect();
+        let tracker = Tracker::new(config.tracker, symmetries);
+        Ok(Self { config, detector: Detector::new(camera, tray, model), tracker })
+    }
+
+    /// Checks what a selector is made of.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::new`].
+    pub fn check(
+        config: &SelectorConfig,
+        camera: &CameraModel,
+        tray: &MountedTray,
+        model: &PartModel,
+    ) -> Result<(), InvalidValue> {
         config.validate()?;
         tray.validate()?;
         model.validate()?;
@@ -90,9 +107,7 @@ impl Selector {
             let taught = *pose < model.poses.len();
             require(taught, "selector.wanted_poses", *pose as f64, "poses the part model was taught")?;
         }
-        let symmetries = model.poses.iter().map(|pose| pose.yaw_symmetry).collect();
-        let tracker = Tracker::new(config.tracker, symmetries);
-        Ok(Self { config, detector: Detector::new(camera, tray, model), tracker })
+        Ok(())
     }
 
     /// Looks at a frame taken at `stamp_s` with the tray at `platen_from_tray`; returns the parts it shows, tracked, in
@@ -137,6 +152,16 @@ impl Selector {
     #[must_use]
     pub fn outline(&self, candidate: &Candidate) -> Vec<Point2<f64>> {
         self.detector.outline(candidate.likeness, candidate.centre(), candidate.yaw_rad.unwrap_or(0.0))
+    }
+
+    /// Length along the part's own x and y of what the selector sees it reach, and its height, m.
+    #[must_use]
+    pub fn size_m(&self, candidate: &Candidate) -> [f64; 3] {
+        let Some(sought) = self.detector.sought.get(candidate.likeness) else {
+            return [0.0; 3];
+        };
+        let reach = |axis: usize| sought.outline_m.iter().map(|corner| corner[axis].abs()).fold(0.0, f64::max);
+        [2.0 * reach(0), 2.0 * reach(1), sought.template.height_m]
     }
 
     /// Whether a single frame shows this candidate sure and free enough to be picked.

@@ -21,6 +21,8 @@ const COARSE_POINTS_MAX: usize = 120;
 const FINE_POINTS_MAX: usize = 500;
 /// Most corners of an outline: of a circle 1 % is cut off.
 const OUTLINE_CORNERS_MAX: usize = 24;
+/// Step between slants of the line of sight in the coarse search.
+const SLANT_STEP: f64 = 0.1;
 /// Largest step of the rim between two turns of the coarse search, px.
 const TURN_STEP_PX: f64 = 1.4;
 /// How far the centre may be from where the rings are summed, px, as a standard deviation.
@@ -66,7 +68,8 @@ pub(super) struct Sought {
     pub rings: Vec<Ring>,
     /// Nothing of the part need be seen nearer to its centre than this, px.
     pub hollow_px: usize,
-    pub turns: Vec<Turn>,
+    /// Turned parts for each slant of the line of sight, as [`slant_index`] counts them.
+    pub turns: Vec<Vec<Turn>>,
     /// Texels compared in the fine search, and how many each stands for.
     pub texels: Vec<usize>,
     pub texel_weight: f32,
@@ -106,8 +109,15 @@ impl Sought {
         sought.rings = sought.rings();
         sought.hollow_px = sought.hollow();
         let image_from_platen = camera.image_from_platen();
-        sought.turns = sought.yaws().into_iter().map(|yaw_rad| sought.turn(yaw_rad, &image_from_platen)).collect();
+        let yaws = sought.yaws();
+        let turned = |slant| yaws.iter().map(|yaw_rad| sought.turn(*yaw_rad, slant, &image_from_platen)).collect();
+        sought.turns = slants().map(turned).collect();
         sought
+    }
+
+    /// How many yaws the coarse search tries.
+    pub(super) fn yaw_count(&self) -> f64 {
+        self.turns.first().map_or(1.0, |turns| turns.len() as f64)
     }
 
     /// Yaws tried in the coarse search, rad.
@@ -125,8 +135,8 @@ impl Sought {
         yaws
     }
 
-    fn turn(&self, yaw_rad: f64, image_from_platen: &Matrix2<f64>) -> Turn {
-        let picture = self.template.picture(&Aspect { yaw_rad, slant: Vector2::zeros() });
+    fn turn(&self, yaw_rad: f64, slant: Vector2<f64>, image_from_platen: &Matrix2<f64>) -> Turn {
+        let picture = self.template.picture(&Aspect { yaw_rad, slant });
         let into_part = Rotation2::new(-yaw_rad) * image_from_platen.transpose() * self.m_per_px;
         let rim_m = single(0.5 * RIM_PX * self.m_per_px);
         let reach = ((self.radius_m / self.m_per_px) + 2.0).ceil();
@@ -227,6 +237,22 @@ impl Sought {
         let pixels = (nearest_m / self.m_per_px + 1.0).ceil() as usize;
         pixels
     }
+}
+
+/// Slants of the line of sight that the coarse search tells apart, platen frame.
+fn slants() -> impl Iterator<Item = Vector2<f64>> {
+    let steps = [-SLANT_STEP, 0.0, SLANT_STEP];
+    steps.into_iter().flat_map(move |y| steps.into_iter().map(move |x| Vector2::new(x, y)))
+}
+
+/// Which of the slants of the coarse search is nearest.
+pub(super) fn slant_index(slant: Vector2<f64>) -> usize {
+    let step = |value: f64| {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0, 1 or 2")]
+        let step = ((value / SLANT_STEP).round().clamp(-1.0, 1.0) + 1.0) as usize;
+        step
+    };
+    3 * step(slant.y) + step(slant.x)
 }
 
 /// Central differences of a picture, per texel.
