@@ -81,8 +81,9 @@ fn a_station_beyond_the_tether_is_refused_and_others_are_served() {
 fn a_part_is_looked_at_again_where_the_camera_sees_the_station() {
     let mut scenario = Scenario::default();
     (scenario.stations[0].x_m, scenario.stations[0].y_m) = (-0.03, -0.07);
-    assert!(scenario.delivery().rechecked_stations.contains("station_1"));
-    assert!(Scenario::default().delivery().rechecked_stations.is_empty());
+    let part = scenario.part_type().unwrap();
+    assert!(scenario.delivery(&part).rechecked_stations.contains("station_1"));
+    assert!(Scenario::default().delivery(&part).rechecked_stations.is_empty());
     let outcome = Up::new("--duration 20 --composed").scenario(&scenario).success();
     assert!(outcome.number("delivered") >= 1.0, "{}", outcome.summary());
     assert_eq!(outcome.summary()["failed"].as_object().unwrap().len(), 0, "{}", outcome.summary());

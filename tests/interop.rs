@@ -93,7 +93,7 @@ fn cyclone_dds_reads_joint_states_images_and_parts_and_calls_services() {
     }
 
     assert_eq!(report.part_frames, ["feeder/tray"]);
-    assert_eq!(report.part_classes, [scenario.part.name.as_str()]);
+    assert_eq!(report.part_classes, [scenario.part_type().unwrap().name.as_str()]);
     assert!(report.part_surfaces.iter().all(|surface| *surface <= 2), "{:?}", report.part_surfaces);
     assert_eq!(report.part_poses, [0, 1]);
     let tray = scenario.tray.geometry;

@@ -32,7 +32,12 @@ fn an_agent_without_our_crates_takes_parts_and_learns_why_not() {
     run.wait_until_simulated(Duration::from_millis(100));
     let agent = Command::new(python)
         .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop/partner_agent.py"))
-        .args(["--domain", &run.domain().id.to_string(), "--pose", &scenario.part.wanted_pose])
+        .args([
+            "--domain",
+            &run.domain().id.to_string(),
+            "--pose",
+            scenario.part_type().unwrap().wanted_pose_names().next().unwrap(),
+        ])
         .args(["--seconds", &PATIENCE.as_secs().to_string()])
         .env_remove("CYCLONEDDS_URI")
         .stdin(Stdio::null())

@@ -2,10 +2,13 @@
 
 mod analysis;
 mod bag;
+mod bulk;
 mod compare;
 mod crew;
 mod graph_check;
+mod part;
 mod plan_move;
+mod plot;
 mod recording;
 mod scenario_file;
 mod slip_study;
@@ -14,6 +17,7 @@ mod table;
 mod teach;
 mod up;
 mod view;
+mod vision;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -36,6 +40,9 @@ enum Command {
     Bag(bag::BagArgs),
     Teach(teach::TeachArgs),
     GraphCheck(graph_check::Args),
+    ScoreVision(vision::score_vision::Args),
+    Part(part::Args),
+    Bulk(bulk::Args),
     PlanMove(plan_move::Args),
     SlipStudy(slip_study::Args),
     ComparePlanners(compare::Args),
@@ -72,6 +79,9 @@ fn main() -> ExitCode {
         }
         Command::GraphCheck(args) => graph_check::run(&args),
         Command::Teach(args) => teach::run(&args),
+        Command::ScoreVision(args) => vision::score_vision::run(&args),
+        Command::Part(args) => part::run(&args),
+        Command::Bulk(args) => bulk::run(&args),
         Command::PlanMove(args) => plan_move::run(&args),
         Command::SlipStudy(args) => slip_study::run(&args),
         Command::ComparePlanners(args) => {

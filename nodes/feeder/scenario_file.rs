@@ -38,7 +38,10 @@ pub(crate) fn load_taught(file: Option<&Path>) -> anyhow::Result<Scenario> {
 pub(crate) fn load(file: Option<&Path>) -> anyhow::Result<Scenario> {
     let Some(file) = file else { return Ok(Scenario::default()) };
     let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
-    text.parse().with_context(|| named(Some(file)))
+    // What a scenario names lies beside it.
+    let folder = file.parent().unwrap_or(Path::new(""));
+    let mut read = |name: &str| std::fs::read(folder.join(name)).map_err(|error| error.to_string());
+    Scenario::read(&text, &mut read).with_context(|| named(Some(file)))
 }
 
 fn named(file: Option<&Path>) -> String {

@@ -123,15 +123,17 @@ impl Bench {
         run_for(&mut driver, LEARNING_S);
         driver.set_waveform(&scenario.waveform()?, false)?;
         while !driver.step(20).status.at_rest() {}
-        let gentle =
-            GentleParameters { friction: scenario.part.friction_static, friction_share, ..GentleParameters::default() };
+        let friction = scenario.part_type()?.friction_static;
+        let gentle = GentleParameters { friction, friction_share, ..GentleParameters::default() };
         let planner = MovePlanner::new(gentle, scenario.tray.geometry, config.limits, config.load)?;
         Ok(Self { driver, planner, at: Vector3::zeros() })
     }
 
     /// Puts parts onto the tray and carries them to a random place, with a random turn.
     fn carry(&mut self, scenario: &Scenario, policy: Policy, random: &mut Pcg64Mcg) -> anyhow::Result<Moved> {
-        let mut bulk = PartBulk::new(scenario.tray.geometry, scenario.part.clone(), scenario.bulk, random.random())?;
+        let part = scenario.part_type()?;
+        let settings = scenario.bulk_settings(&part)?;
+        let mut bulk = PartBulk::new(scenario.tray.geometry, part, settings, random.random())?;
         put(&mut bulk, 3, (0.065, 0.086), (PI + 0.2, TAU - 0.2), random);
         let mut protected: Vec<Vector2<f64>> = bulk.parts().iter().map(Part::position_m).collect();
         if policy == Policy::All {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
 
-use run_monitor::{Activity, Progress};
+use run_monitor::{Activity, FeederProgress, Progress};
 use serde::Serialize;
 
 /// The outcome of a run. Counts and slip are by ground truth.
@@ -27,6 +27,8 @@ pub(crate) struct Summary {
     pub(crate) delivered_per_minute: f64,
     /// How a delivery's time was spent, s: all that the planners did but idle, over the parts picked; null without any.
     per_delivery_s: Option<BTreeMap<&'static str, f64>>,
+    /// How each feeder fed.
+    feeding: Vec<Feeding>,
     /// Deliveries accepted by the planners.
     accepted: u32,
     /// Deliveries that ended with the part taken.
@@ -47,6 +49,63 @@ pub(crate) struct Summary {
     startup_s: f64,
     /// Simulated seconds per wall second.
     real_time_factor: f64,
+}
+
+/// How a feeder fed, and what its selector made of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct Feeding {
+    /// Name of the feeder.
+    feeder: String,
+    /// Parts per minute that passed the camera, and of these those that lay right and apart.
+    passed_per_min: f64,
+    good_per_min: f64,
+    /// What the selector called right and was; and was not; and good parts it never called right. Once a lap each.
+    right_selections: u32,
+    wrong_selections: u32,
+    missed_selections: u32,
+    /// Share of the parts on the plateau with a gap of one length or more, and the mean gap, m.
+    singulation: f64,
+    gap_m: f64,
+    /// Mean time from leaving the plateau to entering it again, s.
+    recirculation_s: f64,
+    /// Jams on the ramp, and parts stranded at the end.
+    jams: u32,
+    stranded: u32,
+}
+
+impl Feeding {
+    fn of(feeder: &FeederProgress) -> Self {
+        let (feed, report) = (&feeder.feed, &feeder.feed.report);
+        Self {
+            feeder: feeder.name.clone(),
+            passed_per_min: report.per_minute(report.passed),
+            good_per_min: report.per_minute(report.good),
+            right_selections: feed.right_selections,
+            wrong_selections: feed.wrong_selections,
+            missed_selections: feed.missed_selections,
+            singulation: report.singulation,
+            gap_m: report.gap_m,
+            recirculation_s: report.recirculation_s,
+            jams: feed.jams,
+            stranded: feed.stranded,
+        }
+    }
+
+    fn rows(&self, named: bool, row: &mut impl FnMut(&str, String) -> fmt::Result) -> fmt::Result {
+        if named {
+            row("feeder", self.feeder.clone())?;
+        }
+        row("past the camera", format!("{:.1} /min", self.passed_per_min))?;
+        row("  of these right and apart", format!("{:.1} /min", self.good_per_min))?;
+        row("selected rightly", self.right_selections.to_string())?;
+        row("  wrongly", self.wrong_selections.to_string())?;
+        row("  missed", self.missed_selections.to_string())?;
+        row("apart on the plateau", format!("{:.0} %", 100.0 * self.singulation))?;
+        row("  mean gap", format!("{:.1} mm", 1e3 * self.gap_m))?;
+        row("recirculation", format!("{:.1} s", self.recirculation_s))?;
+        row("jams", self.jams.to_string())?;
+        row("parts stranded", self.stranded.to_string())
+    }
 }
 
 /// How couriers kept apart, from where they were in each tick.
@@ -105,6 +164,7 @@ impl Summary {
             max_slip_m: progress.max_slip_m(),
             delivered_per_minute: rate(60.0 * f64::from(delivered), sim_s),
             per_delivery_s: (delivered > 0).then(|| per_delivery.into()),
+            feeding: progress.feeders.iter().map(Feeding::of).collect(),
             accepted: progress.sum(|feeder| feeder.accepted),
             succeeded: progress.sum(|feeder| feeder.succeeded),
             failed: failed.collect(),
@@ -142,6 +202,9 @@ impl fmt::Display for Summary {
             if let Some(spent_s) = self.per_delivery_s.as_ref().and_then(|spent_s| spent_s.get(name)) {
                 row(&format!("  {name}, a delivery"), format!("{spent_s:.2} s"))?;
             }
+        }
+        for feeding in &self.feeding {
+            feeding.rows(self.feeding.len() > 1, &mut row)?;
         }
         for (outcome, count) in &self.failed {
             row(&format!("deliveries failed: {outcome}"), count.to_string())?;

@@ -56,6 +56,9 @@ pub(crate) struct UpArgs {
     /// Write the summary to this file (JSON)
     #[arg(long, value_name = "FILE")]
     pub(crate) summary: Option<PathBuf>,
+    /// Draw how well the feeder fed, second by second, into this folder (SVG and CSV); made if need be
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) plot: Option<PathBuf>,
     /// Write a fingerprint of every topic to this file
     #[arg(long, value_name = "FILE")]
     pub(crate) digest: Option<PathBuf>,
@@ -74,6 +77,7 @@ impl Default for UpArgs {
             goal: None,
             composed: false,
             summary: None,
+            plot: None,
             digest: None,
             recording: RecordOptions::default(),
         }
@@ -194,6 +198,9 @@ pub(crate) fn execute(
     let progress = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
     let (startup, wall) = (started_ticking - started, ended - started_ticking);
     let summary = Summary::new(&progress, scenario.is_arbitrated(), tick, contract.timing.tick_ns, startup, wall);
+    if let Some(folder) = &args.plot {
+        crate::plot::write(folder, &progress)?;
+    }
     let outcome = || {
         // A recorder that fails ends the run: its reason comes first.
         recorded?;
@@ -301,7 +308,7 @@ fn write(file: &Path, text: &str) -> anyhow::Result<()> {
 fn start_monitor(seat: &Seat, scenario: &Scenario, progress: Arc<Mutex<Progress>>) -> anyhow::Result<NodeThread> {
     let mut declare = Declare::new(&seat.namespace);
     let ports = RunMonitor::declare(&mut declare, scenario);
-    let monitor = RunMonitor::watched(ports, scenario, progress);
+    let monitor = RunMonitor::watched(ports, scenario, progress)?;
     let (seat, scenario) = (seat.clone(), scenario.clone());
     let thread = std::thread::Builder::new().name(RunMonitor::NAME.to_owned());
     Ok(thread.spawn(move || run_opened(&seat, monitor, RunMonitor::NAME, &scenario, declare.finish()))?)

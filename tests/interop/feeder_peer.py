@@ -73,6 +73,7 @@ class PartStates(IdlStruct, typename="minifactory_msgs::msg::dds_::PartStates_")
     fed: uint32
     recirculated: uint32
     picked: uint32
+    jams: uint32
 
 
 # Requests and replies begin with the client's id and a sequence number: the wire form of rmw_cyclonedds.

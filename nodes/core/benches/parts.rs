@@ -1,8 +1,9 @@
 //! Cost of a sample for a bulk of parts that feed, queue and circulate.
 
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use feeder_core::geometry::{Loop, ShapeSpec, Solid};
 use feeder_core::motion::{MotionBlock, MotionSample};
-use feeder_core::parts::{BulkSettings, PartBulk, PartSpec, PartType, RestingPose};
+use feeder_core::parts::{BulkSettings, PartBulk, PartSpec, PartType};
 use feeder_core::tray::TrayGeometry;
 use nalgebra::Vector3;
 
@@ -33,24 +34,25 @@ fn vibration() -> Vec<MotionBlock> {
 }
 
 fn disc(diameter_m: f64) -> PartType {
-    let pose = |name: &str| RestingPose { name: name.to_owned(), probability: 0.5 };
-    PartType::try_from(PartSpec {
+    let outline = Loop::Circle { radius_m: diameter_m / 2.0, centre_m: [0.0; 2] };
+    let z_m = [0.0, 0.2 * diameter_m];
+    PartType::new(&PartSpec {
         name: "disc".to_owned(),
-        diameter_m,
-        thickness_m: 0.001,
-        mass_kg: 2e-4,
+        density_kg_m3: 8000.0,
         friction_static: 0.2,
         friction_kinetic: 0.2,
-        wanted_pose: "up".to_owned(),
-        resting_poses: vec![pose("up"), pose("down")],
-        dropoff_transition: vec![vec![0.5, 0.5]; 2],
+        reflectance: 0.5,
+        shape: ShapeSpec::Solids(vec![Solid::Extruded { outline, holes: vec![], z_m, reflectance: None }]),
+        poses: vec![],
+        wanted_poses: vec!["pose_1".to_owned()],
+        drops: None,
     })
     .expect("the part is sound")
 }
 
 /// A bulk that has run until its parts are where they go by themselves.
 fn circulating(count: usize, diameter_m: f64, blocks: &[MotionBlock]) -> PartBulk {
-    let settings = BulkSettings { load_plateau: true, ..BulkSettings::default() };
+    let settings = BulkSettings { load_plateau: true, loading_inner_radius_m: Some(0.075), ..BulkSettings::default() };
     let mut bulk = PartBulk::new(TrayGeometry::PAPER, disc(diameter_m), settings, 1).expect("the settings are sound");
     assert_eq!(bulk.load(count).loaded, count);
     for block in blocks.iter().cycle().take(2000) {

@@ -11,6 +11,7 @@ pub mod camera;
 pub mod courier;
 pub mod delivery;
 pub mod experiment;
+pub mod geometry;
 pub mod gravity;
 pub mod manipulator;
 pub mod mechanics;

@@ -1,5 +1,6 @@
 //! What the feeder tells other agents about itself.
 
+use feeder_core::parts::PartType;
 use feeder_core::scenario::{PLATEN_NAMESPACE, Scenario};
 use minifactory_msgs::geometry_msgs::msg::Point;
 use minifactory_msgs::msg::{Factsheet, Recipe, StationFact};
@@ -8,12 +9,12 @@ use minifactory_msgs::msg::{Factsheet, Recipe, StationFact};
 const PROTOCOL_VERSION: &str = "1.0";
 
 /// The factsheet of a scenario's feeder, with its first recipe in force.
-pub(crate) fn of(config: &Scenario) -> Factsheet {
-    let delivery = config.delivery();
+pub(crate) fn of(config: &Scenario, part: &PartType) -> Factsheet {
+    let delivery = config.delivery(part);
     let (gentle, limits) = (delivery.gentle(), &config.courier.limits);
     let by_friction_m_s2 = gentle.friction_share * gentle.friction * gentle.gravity_m_s2;
     let by_motor_m_s2 = limits.translation_acceleration_m_s2_max(&config.courier.load);
-    let recipes = config.recipes();
+    let recipes = config.recipes(part);
     let stations = config.stations.iter().map(|station| StationFact {
         name: station.name.clone(),
         tool_in_platen: Point { x: station.x_m, y: station.y_m, z: config.tray.plateau_height_m() },
@@ -30,10 +31,10 @@ pub(crate) fn of(config: &Scenario) -> Factsheet {
             .into_iter()
             .map(|recipe| Recipe {
                 name: recipe.name,
-                part_class: config.part.name.clone(),
+                part_class: part.name.clone(),
                 pose_classes: recipe.pose_classes,
-                part_diameter_m: config.part.diameter_m,
-                part_height_m: config.part.thickness_m,
+                part_diameter_m: 2.0 * part.outline_radius_m(),
+                part_height_m: part.height_max_m(),
             })
             .collect(),
         stations: stations.collect(),

@@ -147,9 +147,11 @@ impl FeederNode for DeliveryPlanner {
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
         let courier = &config.courier;
-        let sequencer = DeliverySequencer::new(config.delivery(), config.tray.geometry, courier.limits, courier.load)
-            .map_err(NodeError::new)?;
-        let recipes = config.recipes().into_iter().map(|recipe| {
+        let part = config.part_type().map_err(NodeError::new)?;
+        let sequencer =
+            DeliverySequencer::new(config.delivery(&part), config.tray.geometry, courier.limits, courier.load)
+                .map_err(NodeError::new)?;
+        let recipes = config.recipes(&part).into_iter().map(|recipe| {
             let waveform = recipe.waveform.map(|waveform| waveform.design(&config.tray.geometry)).transpose();
             let waveform = waveform.map_err(NodeError::new)?;
             Ok(Recipe { name: recipe.name, pose_classes: recipe.pose_classes, waveform })
@@ -160,7 +162,7 @@ impl FeederNode for DeliveryPlanner {
             deliver: ActionServer::new(ports.deliver),
             sequencer,
             feeder: config.feeder.clone(),
-            part_class: config.part.name.clone(),
+            part_class: part.name.clone(),
             tray_frame: format!("{}/tray", config.feeder),
             random: generator(config.seed, Self::NAME),
             recipes: recipes.collect::<Result<_, NodeError>>()?,
@@ -173,7 +175,7 @@ impl FeederNode for DeliveryPlanner {
             said: DeliveryState::default(),
             said_ns: 0,
             said_state: None,
-            fact: factsheet::of(config),
+            fact: factsheet::of(config, &part),
             said_fact: false,
         })
     }

@@ -1,7 +1,7 @@
 //! Subcommands that compute rather than run: feed rates, tray maps, the paper's figures, experiments, and design.
 
 mod arguments;
-mod chart;
+pub(crate) mod chart;
 pub(crate) mod experiment;
 pub(crate) mod feed_rate;
 pub(crate) mod figures;

@@ -105,14 +105,16 @@ impl FeederNode for OverheadManipulator {
             report: feeder.report,
         });
         let random = generator(config.seed, &format!("{}/pick", station.name));
+        let part = config.part_type().map_err(NodeError::new)?;
+        let pose_class = part.wanted_pose_names().next().unwrap_or_default().to_owned();
         Ok(Self {
             feeders: feeders.collect(),
             asked: 0,
             joint_states: ports.joint_states,
             tf_static: ports.tf_static,
             manipulator: Manipulator::new(station.manipulator, random).map_err(NodeError::new)?,
-            part_class: config.part.name.clone(),
-            pose_class: config.part.wanted_pose.clone(),
+            pose_class,
+            part_class: part.name,
             plateau_height_m: config.tray.plateau_height_m(),
             random: generator(config.seed, &station.name),
             station,

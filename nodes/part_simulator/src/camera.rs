@@ -1,7 +1,7 @@
 //! The camera above the feeding place.
 
-use feeder_core::camera::{CameraModel, PartView, Renderer, codec};
-use feeder_core::parts::{Part, PartBulk, Place};
+use feeder_core::camera::{CameraModel, PartView, Renderer, TrayShot, codec};
+use feeder_core::parts::{Part, PartBulk, PartType, Place};
 use feeder_core::scenario::Scenario;
 use feeder_core::seed::generator;
 use feeder_runtime::dds::Qos;
@@ -12,7 +12,6 @@ use minifactory_msgs::geometry_msgs::msg::{Quaternion, Transform, TransformStamp
 use minifactory_msgs::sensor_msgs::msg::{CameraInfo, CompressedImage, Image};
 use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
-use nalgebra::Isometry2;
 use rand_pcg::Pcg64Mcg;
 
 /// Room for the rest of a compressed image's message, bytes.
@@ -53,10 +52,10 @@ pub(crate) struct Camera {
 }
 
 impl Camera {
-    pub(crate) fn open(config: &Scenario) -> Result<Self, NodeError> {
+    pub(crate) fn open(config: &Scenario, part: &PartType) -> Result<Self, NodeError> {
         let period_ns = config.camera.period_ms * 1_000_000;
         Ok(Self {
-            renderer: Renderer::new(&config.scene()).map_err(NodeError::new)?,
+            renderer: Renderer::new(&config.scene(part)).map_err(NodeError::new)?,
             model: config.camera.model.clone(),
             tray: config.tray.geometry,
             period_ns,
@@ -75,7 +74,7 @@ impl Camera {
         io: &mut StepIo,
         ports: &Ports,
         stamp_ns: u64,
-        platen_from_tray: &Isometry2<f64>,
+        shot: &TrayShot,
         bulk: &PartBulk,
     ) -> Result<(), NodeError> {
         if io.tick() == 0 {
@@ -87,9 +86,7 @@ impl Camera {
         self.next_ns += self.period_ns;
         self.views.clear();
         self.views.extend(bulk.parts().iter().filter_map(|part| view(part, &self.tray)));
-        self.renderer
-            .render(platen_from_tray, &self.views, &mut self.noise, &mut self.image)
-            .map_err(NodeError::new)?;
+        self.renderer.render(shot, &self.views, &mut self.noise, &mut self.image).map_err(NodeError::new)?;
 
         let header = || Header { stamp: stamp_of_ns(stamp_ns), frame_id: self.frame.clone() };
         let data =
@@ -144,5 +141,13 @@ fn view(part: &Part, tray: &feeder_core::tray::TrayGeometry) -> Option<PartView>
         Place::Ramp | Place::Plateau => tray.height_m(part.angle_rad()),
         Place::Falling => return None,
     };
-    Some(PartView { x_m: part.x_m, y_m: part.y_m, z_m, yaw_rad: part.yaw_rad, pose: part.pose })
+    Some(PartView {
+        x_m: part.x_m,
+        y_m: part.y_m,
+        z_m,
+        yaw_rad: part.yaw_rad,
+        pose: part.pose,
+        vx_m_s: part.velocity_x_m_s,
+        vy_m_s: part.velocity_y_m_s,
+    })
 }

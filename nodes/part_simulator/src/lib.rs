@@ -6,6 +6,7 @@ mod camera;
 
 use std::time::Duration;
 
+use feeder_core::camera::TrayShot;
 use feeder_core::motion::MotionBlock;
 use feeder_core::parts::{Part, PartBulk, Place};
 use feeder_core::scenario::Scenario;
@@ -45,7 +46,8 @@ pub struct PartSimulator {
     camera: Camera,
     frame: String,
     plateau_height_m: f64,
-    platen_from_tray: Isometry2<f64>,
+    /// The tray at the end of the motion known so far.
+    tray: TrayShot,
     /// When the motion known so far ends, ns.
     known_until_ns: u64,
     /// Where the hopper is, and below how many parts it adds some.
@@ -83,8 +85,13 @@ impl FeederNode for PartSimulator {
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
         let seed = seed_for(config.seed, Self::NAME);
-        let mut bulk =
-            PartBulk::new(config.tray.geometry, config.part.clone(), config.bulk, seed).map_err(NodeError::new)?;
+        let part = config.part_type().map_err(NodeError::new)?;
+        let settings = config.bulk_settings(&part).map_err(NodeError::new)?;
+        let camera = Camera::open(config, &part)?;
+        for hazard in part.hazards() {
+            tracing::warn!("{}: likely in bulk, and not modelled: {hazard}", part.name);
+        }
+        let mut bulk = PartBulk::new(config.tray.geometry, part, settings, seed).map_err(NodeError::new)?;
         let wanted = usize::try_from(config.parts_loaded).map_err(NodeError::new)?;
         let outcome = bulk.load(wanted);
         if outcome.refused > 0 {
@@ -94,10 +101,10 @@ impl FeederNode for PartSimulator {
         Ok(Self {
             ports,
             bulk,
-            camera: Camera::open(config)?,
+            camera,
             frame: format!("{}/tray", config.feeder),
             plateau_height_m: config.tray.plateau_height_m(),
-            platen_from_tray: Isometry2::new(start.xy(), start.z),
+            tray: TrayShot::still(Isometry2::new(start.xy(), start.z)),
             known_until_ns: 0,
             hopper: (config.delivery.feeding_place.xy(), usize::try_from(config.refill_below).map_err(NodeError::new)?),
         })
@@ -120,7 +127,7 @@ impl FeederNode for PartSimulator {
             }
         }
         io.publish(&self.ports.parts, &self.part_states());
-        self.camera.look(io, &self.ports.camera, self.known_until_ns, &self.platen_from_tray, &self.bulk)
+        self.camera.look(io, &self.ports.camera, self.known_until_ns, &self.tray, &self.bulk)
     }
 }
 
@@ -131,7 +138,12 @@ impl PartSimulator {
         if let Some(last) = block.samples.last() {
             let dt = block.sample_period_s;
             let end = last.position + (last.velocity + 0.5 * dt * last.acceleration) * dt;
-            self.platen_from_tray = Isometry2::new(end.xy(), end.z);
+            let velocity = last.velocity + dt * last.acceleration;
+            self.tray = TrayShot {
+                platen_from_tray: Isometry2::new(end.xy(), end.z),
+                velocity_m_s: velocity.xy(),
+                yaw_rate_rad_s: velocity.z,
+            };
         }
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a block lasts a tick")]
         let length_ns = (block.sample_period_s * block.samples.len() as f64 * 1e9).round() as u64;
@@ -142,7 +154,7 @@ impl PartSimulator {
     /// Adds a part while too few are left and the tray stands under the hopper.
     fn refill(&mut self) {
         let (place_m, least) = self.hopper;
-        let away_m = (self.platen_from_tray.translation.vector - place_m).norm();
+        let away_m = (self.tray.platen_from_tray.translation.vector - place_m).norm();
         if self.bulk.parts().len() < least && away_m < HOPPER_M {
             self.bulk.load(1);
         }
@@ -163,14 +175,14 @@ impl PartSimulator {
         let missed = |message: String| PickResponse { picked: false, part_id: 0, message };
         let tool = &request.tool_in_platen.position;
         let height_m = tool.z - self.plateau_height_m;
-        let reach_m = 0.5 * (request.gripper_opening_m - self.bulk.part_type().diameter_m);
+        let reach_m = 0.5 * (request.gripper_opening_m - self.bulk.part_type().width_min_m());
         let response = if !(tool.x.is_finite() && tool.y.is_finite() && height_m.abs() <= GRIP_HEIGHT_M) {
             missed(format!("the tool is {height_m} m above the plateau, allowed is {GRIP_HEIGHT_M} m either way"))
         } else if reach_m.is_nan() || reach_m <= 0.0 {
             missed(format!("an opening of {} m is narrower than the part", request.gripper_opening_m))
         } else {
             let at = planar_isometry(&request.tool_in_platen).translation.vector;
-            let at = self.platen_from_tray.inverse_transform_point(&Point2::from(at));
+            let at = self.tray.platen_from_tray.inverse_transform_point(&Point2::from(at));
             match self.bulk.pick(at.x, at.y, reach_m) {
                 None => missed("nothing lies between the gripper's fingers".to_owned()),
                 Some(part) => {
@@ -204,6 +216,7 @@ impl PartSimulator {
             fed: count(counters.fed),
             recirculated: count(counters.recirculated),
             picked: count(counters.picked),
+            jams: count(counters.jams),
         }
     }
 }

@@ -1,16 +1,24 @@
 //! The score of one feeder, by ground truth.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
+use std::time::Duration;
 
+use feeder_core::parts::PartType;
 use feeder_core::scenario::Scenario;
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{Declare, Latency, Publisher, StepIo, Subscriber, ns_of_stamp};
-use minifactory_msgs::msg::{DeliveryState, PartStates, PickEvent, RunProgress};
+use minifactory_msgs::msg::{DeliveryState, FeedMetrics, PartStates, PickEvent, RunProgress};
+use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::vision_msgs::msg::Detection3DArray;
 use nalgebra::Vector2;
 
+use crate::feed::FeedScore;
 use crate::progress::{Activity, FeederProgress};
 use crate::truth::Truth;
+
+/// Time between messages on how well the feeder feeds, ns.
+const METRICS_NS: u64 = 1_000_000_000;
 
 /// Handles of the ports for one feeder.
 pub(crate) struct Ports {
@@ -19,6 +27,7 @@ pub(crate) struct Ports {
     delivery: Subscriber<DeliveryState>,
     picks: Subscriber<PickEvent>,
     progress: Publisher<RunProgress>,
+    metrics: Publisher<FeedMetrics>,
 }
 
 impl Ports {
@@ -30,6 +39,7 @@ impl Ports {
             delivery: io.subscriber(&name("delivery_state"), Latency::Forward, Qos::command()),
             picks: io.subscriber(&name("picks"), Latency::Forward, Qos::command()),
             progress: io.publisher(&name("progress"), Qos::command()),
+            metrics: io.publisher(&name("feed_metrics"), Qos::command()),
         }
     }
 }
@@ -37,10 +47,13 @@ impl Ports {
 /// Scores one feeder.
 pub(crate) struct FeederMonitor {
     ports: Ports,
-    wanted_class: String,
-    wanted_pose: u8,
+    wanted_classes: Vec<String>,
+    wanted_poses: Vec<u8>,
     part_radius_m: f64,
     truth: Truth,
+    score: FeedScore,
+    /// When the next message on how well the feeder feeds is due, ns.
+    metrics_ns: u64,
     /// Parts in the feeder, and those that were picked.
     present: BTreeSet<u32>,
     picked: BTreeSet<u32>,
@@ -50,13 +63,15 @@ pub(crate) struct FeederMonitor {
 }
 
 impl FeederMonitor {
-    pub(crate) fn new(ports: Ports, feeder: &str, config: &Scenario) -> Self {
+    pub(crate) fn new(ports: Ports, feeder: &str, config: &Scenario, part: &PartType) -> Self {
         Self {
             ports,
-            wanted_class: format!("{}/{}", config.part.name, config.part.wanted_pose),
-            wanted_pose: u8::try_from(config.part.wanted_pose_index()).unwrap_or(u8::MAX),
-            part_radius_m: config.part.radius_m(),
+            wanted_classes: part.wanted_pose_names().map(|pose| format!("{}/{pose}", part.name)).collect(),
+            wanted_poses: part.wanted_poses.iter().filter_map(|&pose| u8::try_from(pose).ok()).collect(),
+            part_radius_m: part.outline_radius_m(),
             truth: Truth::default(),
+            score: FeedScore::new(config.tray.geometry, part),
+            metrics_ns: METRICS_NS,
             present: BTreeSet::new(),
             picked: BTreeSet::new(),
             activity: (Activity::Idle, 0),
@@ -73,6 +88,7 @@ impl FeederMonitor {
             self.progress.fed = message.fed;
             self.count(&message);
             self.truth.learn(&message);
+            self.score_feed(io, &message);
         }
         for message in io.take(&self.ports.candidates) {
             self.score_candidates(&message);
@@ -91,6 +107,20 @@ impl FeederMonitor {
         io.publish(&self.ports.progress, &message);
     }
 
+    /// Scores what the tray feeds, and tells it once a second.
+    fn score_feed(&mut self, io: &mut StepIo, message: &PartStates) {
+        let stamp_ns = ns_of_stamp(&message.header.stamp);
+        let time_s = Duration::from_nanos(stamp_ns).as_secs_f64();
+        self.score.learn(time_s, message);
+        if stamp_ns >= self.metrics_ns {
+            self.metrics_ns += METRICS_NS;
+            self.progress.feed = self.score.feed();
+            Arc::make_mut(&mut self.progress.history).push((time_s, self.progress.feed.clone()));
+            let header = Header { stamp: message.header.stamp, frame_id: String::new() };
+            io.publish(&self.ports.metrics, &self.progress.feed.message(header));
+        }
+    }
+
     /// Looks for parts that are gone without a pick, or back after one.
     fn count(&mut self, message: &PartStates) {
         let present: BTreeSet<u32> = message.parts.iter().map(|part| part.id).collect();
@@ -105,7 +135,7 @@ impl FeederMonitor {
     fn spend(&mut self, message: &DeliveryState) {
         let stamp_ns = ns_of_stamp(&message.header.stamp);
         let (activity, since_ns) = self.activity;
-        let spent_s = std::time::Duration::from_nanos(stamp_ns.saturating_sub(since_ns)).as_secs_f64();
+        let spent_s = Duration::from_nanos(stamp_ns.saturating_sub(since_ns)).as_secs_f64();
         *self.progress.spent_s.entry(activity).or_insert(0.0) += spent_s;
         self.activity = (activity_of(message.phase), stamp_ns);
         self.progress.accepted = message.accepted;
@@ -119,9 +149,15 @@ impl FeederMonitor {
         for detection in &message.detections {
             let center = &detection.bbox.center.position;
             let center = Vector2::new(center.x, center.y);
-            let Some(id) = self.truth.part_at(stamp_ns, &center, self.part_radius_m) else { continue };
+            let part = self.truth.part_at(stamp_ns, &center, self.part_radius_m);
+            let called_right =
+                detection.results.iter().any(|result| self.wanted_classes.contains(&result.hypothesis.class_id));
+            if called_right && self.truth.knows(stamp_ns) {
+                self.score.selected(part);
+            }
+            let Some((id, _)) = part else { continue };
             self.progress.seen.insert(id);
-            if detection.results.iter().any(|result| result.hypothesis.class_id == self.wanted_class) {
+            if called_right {
                 self.progress.selected.insert(id);
             }
         }
@@ -130,7 +166,7 @@ impl FeederMonitor {
     fn score_pick(&mut self, event: &PickEvent) {
         if event.picked {
             self.progress.delivered += 1;
-            self.progress.wrong_pose_delivered += u32::from(event.resting_pose != self.wanted_pose);
+            self.progress.wrong_pose_delivered += u32::from(!self.wanted_poses.contains(&event.resting_pose));
             match self.truth.slip_m(event.part_id) {
                 Some(slip_m) => {
                     self.progress.max_slip_m = Some(self.progress.max_slip_m.map_or(slip_m, |most| most.max(slip_m)));

@@ -1,6 +1,7 @@
 //! The run monitor: scores a run against ground truth. It is the only node besides viewers that hears the truth, and
 //! nobody in the feeders hears what it finds.
 
+mod feed;
 mod feeder;
 mod platen;
 mod progress;
@@ -12,6 +13,7 @@ use std::time::Duration;
 use feeder_core::scenario::Scenario;
 use feeder_runtime::node::{Declare, FeederNode, NodeError, StepIo};
 
+pub use feed::Feed;
 use feeder::FeederMonitor;
 use platen::PlatenMonitor;
 pub use progress::{Activity, FeederProgress, Progress};
@@ -53,7 +55,7 @@ impl FeederNode for RunMonitor {
     }
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
-        Ok(Self::new(ports, config))
+        Self::new(ports, config)
     }
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
@@ -83,19 +85,22 @@ impl FeederNode for RunMonitor {
 
 impl RunMonitor {
     /// A monitor that also shows its findings in `shown`.
-    #[must_use]
-    pub fn watched(ports: Ports, config: &Scenario, shown: Arc<Mutex<Progress>>) -> Self {
-        Self { shown: Some(shown), ..Self::new(ports, config) }
+    ///
+    /// # Errors
+    /// If the scenario has no part.
+    pub fn watched(ports: Ports, config: &Scenario, shown: Arc<Mutex<Progress>>) -> Result<Self, NodeError> {
+        Ok(Self { shown: Some(shown), ..Self::new(ports, config)? })
     }
 
-    fn new(ports: Ports, config: &Scenario) -> Self {
-        let feeders = ports.feeders.into_iter().map(|(name, ports)| FeederMonitor::new(ports, &name, config));
-        Self {
+    fn new(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
+        let part = config.part_type().map_err(NodeError::new)?;
+        let feeders = ports.feeders.into_iter().map(|(name, ports)| FeederMonitor::new(ports, &name, config, &part));
+        Ok(Self {
             feeders: feeders.collect(),
             platen: ports.platen.map(|ports| PlatenMonitor::new(ports, config)),
             goal_delivered: config.run.goal_delivered,
             progress: Progress::default(),
             shown: None,
-        }
+        })
     }
 }

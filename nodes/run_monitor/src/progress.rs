@@ -1,6 +1,9 @@
 //! How a run has gone so far.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use crate::feed::Feed;
 
 /// What a planner does with its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -71,6 +74,10 @@ pub struct FeederProgress {
     pub failed_by_outcome: Vec<u32>,
     /// What the planner did with its time, s.
     pub spent_s: BTreeMap<Activity, f64>,
+    /// How well the feeder feeds and the selector selects.
+    pub feed: Feed,
+    /// The same at every second of simulated time: stamp (s) and figures.
+    pub history: Arc<Vec<(f64, Feed)>>,
 }
 
 /// How a run has gone so far.

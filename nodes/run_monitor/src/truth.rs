@@ -10,8 +10,8 @@ use nalgebra::Vector2;
 /// so this must be longer than the longest trip.
 const MEMORY: usize = 4000;
 
-/// Places in the tray frame by part, m.
-type Places = BTreeMap<u32, Vector2<f64>>;
+/// Place in the tray frame, m, and resting pose by part.
+type Places = BTreeMap<u32, (Vector2<f64>, u8)>;
 
 /// Where the parts have been.
 #[derive(Debug, Default)]
@@ -32,7 +32,7 @@ struct Settled {
 
 impl Truth {
     pub(crate) fn learn(&mut self, message: &PartStates) {
-        let places: Places = message.parts.iter().map(|part| (part.id, place(part))).collect();
+        let places: Places = message.parts.iter().map(|part| (part.id, (place(part), part.resting_pose))).collect();
         if let Some(settled) = &mut self.settled {
             settled.follow(&places);
         }
@@ -42,12 +42,17 @@ impl Truth {
         }
     }
 
-    /// The part whose centre was nearest to `point` at `stamp_ns`, if within `reach_m`.
-    pub(crate) fn part_at(&self, stamp_ns: u64, point: &Vector2<f64>, reach_m: f64) -> Option<u32> {
+    /// Whether the parts' places at `stamp_ns` are remembered.
+    pub(crate) fn knows(&self, stamp_ns: u64) -> bool {
+        self.recent.iter().any(|(ns, _)| *ns == stamp_ns)
+    }
+
+    /// The part whose centre was nearest to `point` at `stamp_ns`, if within `reach_m`, and the pose it lay in.
+    pub(crate) fn part_at(&self, stamp_ns: u64, point: &Vector2<f64>, reach_m: f64) -> Option<(u32, u8)> {
         let (_, places) = self.recent.iter().rev().find(|(ns, _)| *ns == stamp_ns)?;
-        let distances = places.iter().map(|(id, place)| (*id, (place - point).norm()));
-        let (id, distance_m) = distances.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
-        (distance_m <= reach_m).then_some(id)
+        let distances = places.iter().map(|(id, (place, pose))| ((*id, *pose), (place - point).norm()));
+        let (part, distance_m) = distances.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
+        (distance_m <= reach_m).then_some(part)
     }
 
     /// Counts slip from the picture taken at `look_ns`, on which a choice rests; 0 stands for none.
@@ -72,8 +77,8 @@ impl Truth {
 
 impl Settled {
     fn follow(&mut self, places: &Places) {
-        for (id, place) in places {
-            if let Some(from) = self.places.get(id) {
+        for (id, (place, _)) in places {
+            if let Some((from, _)) = self.places.get(id) {
                 let slip_m = self.slips_m.entry(*id).or_insert(0.0);
                 *slip_m = slip_m.max((place - from).norm());
             }
@@ -81,7 +86,7 @@ impl Settled {
     }
 }
 
-fn place(part: &PartState) -> Vector2<f64> {
+pub(crate) fn place(part: &PartState) -> Vector2<f64> {
     let (sin, cos) = part.angle_rad.sin_cos();
     Vector2::new(part.radius_m * cos, part.radius_m * sin)
 }
@@ -119,8 +124,8 @@ mod tests {
         let mut truth = Truth::default();
         truth.learn(&states(10, &[0.060, 0.080]));
         truth.learn(&states(20, &[0.080, 0.060]));
-        assert_eq!(truth.part_at(10, &Vector2::new(0.0795, 0.0), 0.002), Some(1));
-        assert_eq!(truth.part_at(20, &Vector2::new(0.0795, 0.0), 0.002), Some(0));
+        assert_eq!(truth.part_at(10, &Vector2::new(0.0795, 0.0), 0.002), Some((1, 0)));
+        assert_eq!(truth.part_at(20, &Vector2::new(0.0795, 0.0), 0.002), Some((0, 0)));
         assert_eq!(truth.part_at(20, &Vector2::new(0.0700, 0.0), 0.002), None);
         assert_eq!(truth.part_at(15, &Vector2::new(0.0795, 0.0), 0.002), None);
     }

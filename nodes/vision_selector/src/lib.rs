@@ -3,15 +3,15 @@
 //! It works from the compressed image, the calibration and the odometry at the image's stamp alone, with a model of the
 //! part that was taught from pictures (`feeder teach`).
 //!
-//! Every part that lies wholly on the plateau is a detection, its bounding box in the tray frame, its `id` the same from
-//! frame to frame. A detection's hypothesis names part and resting pose, as in `grommet/hole_up`, with the confidence as
+//! Every part that lies wholly on the plateau is a detection, its bounding box in the tray frame, turned as the part is if
+//! that has a yaw, its `id` the same from frame to frame. A detection's hypothesis names part and resting pose, as in `grommet/hole_up`, with the confidence as
 //! its score. A part whose pose is not known, and one in a wanted pose that must not be picked (not sure enough, or no
 //! room for the gripper), comes without hypothesis: it is only in the way.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use feeder_core::camera::{CameraModel, MountedTray, codec};
+use feeder_core::camera::codec;
 use feeder_core::scenario::Scenario;
 use feeder_core::selection::{ImageFault, Selector, TrackedCandidate, draw_overlay};
 use feeder_runtime::dds::Qos;
@@ -30,6 +30,10 @@ use minifactory_msgs::vision_msgs::msg::{
 };
 use nalgebra::Isometry2;
 
+/// Frames in a row that may be missing before the camera counts as silent, and ticks that images may be under way.
+const SILENT_PERIODS: u64 = 5;
+const SLACK_TICKS: u64 = 20;
+
 /// How many odometry messages are kept: images come later than the motion they show.
 const ODOMETRY_KEPT: usize = 64;
 
@@ -45,13 +49,14 @@ pub struct Ports {
 pub struct VisionSelector {
     ports: Ports,
     selector: Selector,
-    camera: CameraModel,
-    tray: MountedTray,
     names: Names,
     /// Stamp (ns) and pose of the tray, oldest first.
     poses: VecDeque<(u64, Isometry2<f64>)>,
     /// What was last wrong with an image, so that it is said once.
     fault: Option<LookError>,
+    /// When an image came last, and how long none may come.
+    seen_tick: u64,
+    patience_ticks: u64,
 }
 
 /// Names of classes and frames.
@@ -85,15 +90,24 @@ impl FeederNode for VisionSelector {
     }
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
+        let part = config.part_type().map_err(NodeError::new)?;
         let names = Names {
-            part: config.part.name.clone(),
-            poses: config.part.resting_poses.iter().map(|pose| pose.name.clone()).collect(),
-            wanted_poses: config.selector().wanted_poses,
+            poses: part.poses.iter().map(|pose| pose.name.clone()).collect(),
+            wanted_poses: part.wanted_poses,
+            part: part.name,
             tray_frame: format!("{}/tray", config.feeder),
         };
-        let (camera, tray) = (config.camera.model.clone(), config.tray);
         let selector = config.taught_selector().map_err(NodeError::new)?;
-        Ok(Self { ports, selector, camera, tray, names, poses: VecDeque::new(), fault: None })
+        let period_ticks = config.camera.period_ms / config.time.tick_ms;
+        Ok(Self {
+            ports,
+            selector,
+            names,
+            poses: VecDeque::new(),
+            fault: None,
+            seen_tick: 0,
+            patience_ticks: SILENT_PERIODS * period_ticks + SLACK_TICKS,
+        })
     }
 
     fn settable() -> &'static [Settable] {
@@ -138,23 +152,23 @@ impl FeederNode for VisionSelector {
                 }
                 Err(fault) => (Vec::new(), Some(fault)),
             };
-            if fault != self.fault {
-                match &fault {
-                    // The tray is under way: nothing is wrong.
-                    None | Some(LookError::Image(ImageFault::PlateauOutOfView)) => {}
-                    Some(fault) => tracing::warn!("nothing is selected: {fault}"),
-                }
-                self.fault = fault;
-            }
-            io.publish(&self.ports.candidates, &self.names.detections(&message.header, &tracked));
+            self.seen_tick = io.tick();
+            self.tell(fault);
+            let detections = self.names.detections(&message.header, &tracked, &self.selector);
+            io.publish(&self.ports.candidates, &detections);
+        }
+        if io.tick() > self.seen_tick + self.patience_ticks {
+            self.tell(Some(LookError::Silent));
         }
         Ok(())
     }
 }
 
-/// Why an image shows nothing.
+/// Why nothing is seen.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 enum LookError {
+    #[error("the camera has stopped: no image for {SILENT_PERIODS} periods")]
+    Silent,
     #[error("no odometry at the stamp of the image")]
     NoOdometry,
     #[error("the image cannot be decoded: {0}")]
@@ -171,6 +185,19 @@ struct Picture {
 }
 
 impl VisionSelector {
+    /// Says what is wrong when that changes.
+    fn tell(&mut self, fault: Option<LookError>) {
+        if fault == self.fault {
+            return;
+        }
+        match &fault {
+            // The tray is under way: nothing is wrong.
+            None | Some(LookError::Image(ImageFault::PlateauOutOfView)) => {}
+            Some(fault) => tracing::warn!("nothing is selected: {fault}"),
+        }
+        self.fault = fault;
+    }
+
     fn look(&mut self, message: &CompressedImage) -> Result<Picture, LookError> {
         let stamp_ns = ns_of_stamp(&message.header.stamp);
         let (_, platen_from_tray) = *self.poses.iter().find(|(ns, _)| *ns == stamp_ns).ok_or(LookError::NoOdometry)?;
@@ -181,7 +208,7 @@ impl VisionSelector {
     }
 
     fn annotate(&self, header: &Header, picture: &Picture) -> Image {
-        let drawn = draw_overlay(&picture.image, &picture.tracked, &self.camera, &self.tray, &picture.platen_from_tray);
+        let drawn = draw_overlay(&picture.image, &picture.tracked, &self.selector, &picture.platen_from_tray);
         let (width, height) = drawn.dimensions();
         Image {
             header: header.clone(),
@@ -196,18 +223,18 @@ impl VisionSelector {
 }
 
 impl Names {
-    fn detections(&self, image: &Header, tracked: &[TrackedCandidate]) -> Detection3DArray {
+    fn detections(&self, image: &Header, tracked: &[TrackedCandidate], selector: &Selector) -> Detection3DArray {
         let header = Header { stamp: image.stamp, frame_id: self.tray_frame.clone() };
         // A track that coasts was not seen in this frame.
         let on_plateau = tracked.iter().filter(|part| part.candidate.on_plateau);
-        let detections = on_plateau.map(|part| self.detection(&header, part)).collect();
+        let detections = on_plateau.map(|part| self.detection(&header, part, selector)).collect();
         Detection3DArray { header, detections }
     }
 
-    fn detection(&self, header: &Header, part: &TrackedCandidate) -> Detection3D {
+    fn detection(&self, header: &Header, part: &TrackedCandidate, selector: &Selector) -> Detection3D {
         let seen = &part.candidate;
-        // A disc has no yaw of its own.
-        let pose = planar_pose(seen.x_m, seen.y_m, 0.0, 0.0);
+        // A part that looks the same from all sides has no yaw of its own.
+        let pose = planar_pose(seen.x_m, seen.y_m, 0.0, seen.yaw_rad.unwrap_or(0.0));
         let known = part.pose.filter(|pose| part.selectable || !self.wanted_poses.contains(pose));
         let results = known.and_then(|index| self.poses.get(index)).map(|name| {
             let class_id = format!("{}/{name}", self.part);
@@ -218,7 +245,8 @@ impl Names {
             result.pose.pose = pose;
             result
         });
-        let size = Vector3 { x: seen.diameter_m, y: seen.diameter_m, z: 0.0 };
+        let [x, y, z] = selector.size_m(seen);
+        let size = Vector3 { x, y, z };
         Detection3D {
             header: header.clone(),
             results: results.into_iter().collect(),

@@ -9,7 +9,7 @@ use super::{InvalidValue, require};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LightModel {
-    /// Grey level of a level, perfectly white surface in the middle of the picture.
+    /// Grey level of a level, perfectly white surface in the middle of the picture, at an exposure of 0.5 ms.
     pub white_level: f64,
     /// Share of the light on a level surface that is diffuse, 0 to 1.
     pub diffuse_ratio: f64,

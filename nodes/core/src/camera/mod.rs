@@ -4,24 +4,25 @@
 //! [`Renderer`] takes the picture: platen, tray and parts under a light, through the lens, with sensor noise.
 //! [`codec`] turns pictures into JPEG and back.
 
-mod appearance;
 pub mod codec;
 mod light;
 mod model;
 mod noise;
 mod parts;
+mod relief;
 mod render;
 mod scene;
+mod solid;
 mod spec;
 mod surfaces;
 mod tile;
 mod tray;
 
-pub use appearance::{FaceAppearance, FaceMark, FaceRing, PartAppearance, PartView};
 pub use light::LightModel;
 pub use model::CameraModel;
-pub use render::{Renderer, Scene, SensorModel};
+pub use render::{Renderer, Scene, SensorModel, TrayShot};
 pub use scene::{MountedTray, TrayAppearance};
+pub use solid::{PartSolid, PartView};
 pub use spec::{CameraPose, CameraSpec, Distortion};
 
 /// A number outside what it may be, in a camera, scene or selector description.

@@ -211,6 +211,11 @@ impl CameraModel {
         Some(self.platen_from_image * self.undistort(self.distorted_ray(pixel))?)
     }
 
+    /// Turns platen directions into image directions (x right, y down).
+    pub(crate) fn image_from_platen(&self) -> Matrix2<f64> {
+        self.platen_from_image.transpose()
+    }
+
     fn distorted_ray(&self, pixel: Point2<f64>) -> Vector2<f64> {
         (pixel.coords - self.principal_point_px) / self.focal_length_px
     }

@@ -100,7 +100,7 @@ fn bare_platen(scene: &Scene) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::super::{
-        CameraModel, CameraPose, CameraSpec, LightModel, MountedTray, PartAppearance, SensorModel, TrayAppearance,
+        CameraModel, CameraPose, CameraSpec, LightModel, MountedTray, PartSolid, SensorModel, TrayAppearance,
     };
     use super::*;
     use crate::tray::TrayGeometry;
@@ -121,7 +121,7 @@ mod tests {
             .unwrap(),
             tray: MountedTray::new(TrayGeometry::PAPER),
             tray_appearance: TrayAppearance::default(),
-            part: PartAppearance::grommet(0.008, 0.002_5),
+            part: PartSolid::of_catalogue("grommet"),
             light: LightModel::default(),
             sensor: SensorModel::default(),
         };

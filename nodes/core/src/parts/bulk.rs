@@ -5,8 +5,10 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use thiserror::Error;
 
-use super::contact::{ContactLaw, Contacts};
+use super::contact::Contacts;
+use super::impulse::ContactLaw;
 use super::placement::{LandingZone, LoadingBand, is_free, random_pose, random_yaw_rad};
+use super::touch::{Scratch, touch};
 use super::track::Track;
 use super::{BulkError, BulkSettings, MotionError, Part, PartType, PickedPart, Place, motion_check, settings};
 use crate::motion::MotionBlock;
@@ -23,6 +25,8 @@ pub struct Counters {
     pub fed: u64,
     /// Parts that fell off the end of the plateau.
     pub recirculated: u64,
+    /// Times that parts began to hold each other up on the ramp, or a fallen part found its foot full.
+    pub jams: u64,
 }
 
 /// Result of loading parts.
@@ -65,6 +69,7 @@ pub struct PartBulk {
     pub(super) band: LoadingBand,
     pub(super) landing: LandingZone,
     pub(super) contacts: Contacts,
+    pub(super) scratch: Scratch,
     pub(super) rng: Pcg64Mcg,
     /// In order of identity.
     pub(super) parts: Vec<Part>,
@@ -77,6 +82,12 @@ pub struct PartBulk {
     /// If all parts stick: the tray's acceleration up to which they certainly stay, m/s².
     pub(super) hold_m_s2: Option<f64>,
     pub(super) judging_in_s: f64,
+    /// Time since the last look at who climbs during which the tray shook parts loose, s.
+    pub(super) shaken_s: f64,
+    /// If the parts jammed when last looked at.
+    pub(super) jammed: bool,
+    /// Least width of the part, m.
+    pub(super) width_m: f64,
 }
 
 impl PartBulk {
@@ -90,9 +101,10 @@ impl PartBulk {
         let track = Track::new(&tray, &part, &settings);
         let law = ContactLaw { restitution: settings.part_restitution, friction: settings.part_friction };
         Ok(Self {
-            band: LoadingBand::new(tray, &track, &settings),
+            band: LoadingBand::new(tray, part.outline_radius_m(), &settings),
             landing: LandingZone::new(&settings),
-            contacts: Contacts::new(law, part.diameter_m),
+            contacts: Contacts::new(law, part.width_min_m(), part.outline_radius_m()),
+            scratch: Scratch::default(),
             rng: Pcg64Mcg::seed_from_u64(seed),
             parts: Vec::new(),
             next_id: 0,
@@ -101,6 +113,9 @@ impl PartBulk {
             fastest_m_s: 0.0,
             hold_m_s2: None,
             judging_in_s: settings.stranding_time_s,
+            shaken_s: 0.0,
+            jammed: false,
+            width_m: part.width_min_m(),
             tray,
             part,
             settings,
@@ -113,53 +128,39 @@ impl PartBulk {
     pub fn load(&mut self, count: usize) -> Loaded {
         let mut loaded = 0;
         while loaded < count {
-            let free = self.band.find_place(&self.parts, self.part.diameter_m, &mut self.rng);
-            let Some((place, x_m, y_m)) = free else {
-                break;
-            };
             let pose = random_pose(&self.part, &mut self.rng);
             let yaw_rad = random_yaw_rad(&mut self.rng);
-            self.add(place, x_m, y_m, yaw_rad, pose);
+            let mut part = Part::at_rest(Place::Ramp, pose, yaw_rad);
+            if !self.band.place(&mut part, &self.parts, &self.track, &mut self.scratch, &mut self.rng) {
+                break;
+            }
+            self.add(part);
             loaded += 1;
         }
         Loaded { loaded, refused: count - loaded }
     }
 
-    /// Puts one part at rest onto the tray with its centre at radius `radius_m` and angle ψ = `angle_rad`, heading
+    /// Puts one part at rest onto the tray with its centre of mass at radius `radius_m` and angle ψ = `angle_rad`, heading
     /// `yaw_rad` in the tray frame, lying in the resting pose of index `pose`. Returns its identity.
     ///
     /// # Errors
     /// If the pose does not exist, or the place is not clear of the walls, the drop-off's face or another part.
     pub fn put(&mut self, radius_m: f64, angle_rad: f64, yaw_rad: f64, pose: usize) -> Result<u32, PutError> {
-        let poses = self.part.resting_poses.len();
+        let poses = self.part.poses.len();
         if pose >= poses {
             return Err(PutError::NoSuchPose { pose, poses });
         }
         let place = Place::from(self.tray.surface(angle_rad));
         let (x_m, y_m) = (radius_m * angle_rad.cos(), radius_m * angle_rad.sin());
-        let clear = self.track.has_room(place, x_m, y_m) && is_free(&self.parts, x_m, y_m, self.part.diameter_m);
-        if clear && yaw_rad.is_finite() {
-            Ok(self.add(place, x_m, y_m, yaw_rad, pose))
-        } else {
-            Err(PutError::NoRoom { radius_m, angle_rad })
-        }
+        let part = Part { x_m, y_m, ..Part::at_rest(place, pose, yaw_rad) };
+        let clear = self.track.has_room(&part, &mut self.scratch)
+            && is_free(&part, &self.parts, &self.track, &mut self.scratch);
+        if clear && yaw_rad.is_finite() { Ok(self.add(part)) } else { Err(PutError::NoRoom { radius_m, angle_rad }) }
     }
 
-    fn add(&mut self, place: Place, x_m: f64, y_m: f64, yaw_rad: f64, pose: usize) -> u32 {
-        let mut part = Part {
-            id: self.next_id,
-            place,
-            pose,
-            x_m,
-            y_m,
-            yaw_rad,
-            velocity_x_m_s: 0.0,
-            velocity_y_m_s: 0.0,
-            stranded: false,
-            fed: place == Place::Plateau,
-            landing_in_s: 0.0,
-            judged_angle_rad: 0.0,
-        };
+    fn add(&mut self, mut part: Part) -> u32 {
+        part.id = self.next_id;
+        part.fed = part.place == Place::Plateau;
         part.judged_angle_rad = part.angle_rad();
         self.parts.push(part);
         self.next_id += 1;
@@ -211,6 +212,23 @@ impl PartBulk {
         &self.parts
     }
 
+    /// Deepest overlap of two parts that are not above each other at the drop-off, m.
+    #[must_use]
+    pub fn overlap_m(&self) -> f64 {
+        let mut scratch = Scratch::default();
+        let mut deepest_m: f64 = 0.0;
+        let on_surface = |part: &&Part| part.place != Place::Falling;
+        for (index, one) in self.parts.iter().enumerate().filter(|(_, part)| part.place != Place::Falling) {
+            for other in self.parts[index + 1..].iter().filter(on_surface) {
+                if (one.angle_rad() - other.angle_rad()).abs() < std::f64::consts::PI {
+                    let (a, b) = ((self.track.body(one), one), (self.track.body(other), other));
+                    deepest_m = touch(a, b, &mut scratch).map_or(deepest_m, |touch| deepest_m.max(touch.depth_m));
+                }
+            }
+        }
+        deepest_m
+    }
+
     /// The type of the parts.
     #[must_use]
     pub fn part_type(&self) -> &PartType {
@@ -234,10 +252,9 @@ impl PartBulk {
     pub fn is_conserved(&self) -> bool {
         let distinct = self.parts.windows(2).all(|pair| pair[0].id < pair[1].id);
         // The face of the drop-off may press a part against the outer wall by a rounding error's worth.
-        let slack_m = 1e-3 * self.part.diameter_m;
-        let inside = self.parts.iter().all(|part| {
-            (self.track.innermost_m - slack_m..=self.track.outermost_m + slack_m).contains(&part.radius_m())
-        });
+        let slack_m = 1e-3 * self.width_m;
+        let on_surface = self.parts.iter().filter(|part| part.place != Place::Falling);
+        let inside = on_surface.into_iter().all(|part| self.track.is_inside(part, slack_m));
         distinct && inside && self.counters.loaded == self.counters.picked + self.parts.len() as u64
     }
 

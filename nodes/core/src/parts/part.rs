@@ -36,29 +36,56 @@ pub struct Part {
     pub id: u32,
     /// Where it is.
     pub place: Place,
-    /// Index into the resting poses of its type.
+    /// Index into the stable poses of its type.
     pub pose: usize,
-    /// Centre along the tray's x, m.
+    /// Centre of mass along the tray's x, m.
     pub x_m: f64,
-    /// Centre along the tray's y, m.
+    /// Centre of mass along the tray's y, m.
     pub y_m: f64,
-    /// Heading in the tray frame, rad. Assumed: constant while the part slides; a fall gives a new one.
+    /// Heading in the tray frame, rad.
     pub yaw_rad: f64,
     /// Velocity along the tray's x, m/s.
     pub velocity_x_m_s: f64,
     /// Velocity along the tray's y, m/s.
     pub velocity_y_m_s: f64,
+    /// Turning rate relative to the tray, counter-clockwise positive, rad/s.
+    pub yaw_rate_rad_s: f64,
+    /// On the ramp, outside the critical radius, and kept from climbing by others.
+    pub blocked: bool,
     /// On the ramp, inside the critical radius, and not climbing.
     pub stranded: bool,
     /// Whether this lap's entry to the plateau has been counted.
     pub(super) fed: bool,
     /// While falling: time until it looks for a place to land, s.
     pub(super) landing_in_s: f64,
+    /// While falling: how long it has waited for room to land, s.
+    pub(super) waited_s: f64,
     /// Angle ψ when its climbing was last judged, rad.
     pub(super) judged_angle_rad: f64,
 }
 
 impl Part {
+    /// A part at rest, not yet anywhere.
+    pub(super) fn at_rest(place: Place, pose: usize, yaw_rad: f64) -> Self {
+        Self {
+            id: 0,
+            place,
+            pose,
+            x_m: 0.0,
+            y_m: 0.0,
+            yaw_rad,
+            velocity_x_m_s: 0.0,
+            velocity_y_m_s: 0.0,
+            yaw_rate_rad_s: 0.0,
+            blocked: false,
+            stranded: false,
+            fed: false,
+            landing_in_s: 0.0,
+            waited_s: 0.0,
+            judged_angle_rad: 0.0,
+        }
+    }
+
     /// Centre in the tray frame, m.
     #[must_use]
     pub fn position_m(&self) -> Vector2<f64> {
@@ -104,7 +131,7 @@ impl Part {
     }
 
     pub(super) fn is_moving(&self) -> bool {
-        self.velocity_x_m_s != 0.0 || self.velocity_y_m_s != 0.0
+        self.velocity_x_m_s != 0.0 || self.velocity_y_m_s != 0.0 || self.yaw_rate_rad_s != 0.0
     }
 
     pub(super) fn squared_distance_m2(&self, x_m: f64, y_m: f64) -> f64 {
@@ -117,7 +144,7 @@ impl Part {
 pub struct PickedPart {
     /// Its identity.
     pub id: u32,
-    /// Index into the resting poses of its type.
+    /// Index into the stable poses of its type.
     pub pose: usize,
     /// Centre of the part minus the point picked at, in tray axes, m.
     pub offset_m: Vector2<f64>,

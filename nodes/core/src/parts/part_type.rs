@@ -1,67 +1,56 @@
-//! What a part is: its size, mass, friction on the tray and the ways it can lie.
+//! What a part is: its body, its friction on the tray and the ways it can lie.
 
-use std::ops::Deref;
-
-use serde::{Deserialize, Serialize};
+use nalgebra::Vector3;
 use thiserror::Error;
+
+use super::{DropTable, PartSpec};
+use crate::geometry::{PartMesh, PoseError, ShapeError, StablePose, stable_poses};
 
 /// How far a set of probabilities may be from summing to one.
 const PROBABILITY_TOLERANCE: f64 = 1e-6;
 
-/// A way in which a part can lie still.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RestingPose {
-    /// Name of the pose, unique within the part type.
-    pub name: String,
-    /// Probability that a part dropped in bulk comes to rest like this, 0 to 1.
-    pub probability: f64,
-}
+/// Largest angle between the direction a pose's name gives and the pose's own, rad.
+const NAME_ANGLE_MAX_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
 
-/// Description of a part as it is written in a catalogue, not yet checked.
-///
-/// The part is a disc seen from above: a point mass in its dynamics, with a diameter where it meets walls and other
-/// parts.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PartSpec {
+/// A checked part with what follows from its shape.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PartType {
     /// Name of the part type.
     pub name: String,
-    /// Diameter of the disc, m.
-    pub diameter_m: f64,
-    /// Height of the part as it lies, m.
-    pub thickness_m: f64,
+    /// The body.
+    pub mesh: PartMesh,
     /// Mass, kg. All parts of a bulk are alike, so no motion depends on it.
     pub mass_kg: f64,
     /// Coefficient of static friction μ_s between part and tray.
     pub friction_static: f64,
     /// Coefficient of kinetic friction μ_k between part and tray, at most μ_s.
     pub friction_kinetic: f64,
-    /// Name of the resting pose in which the part is wanted.
-    pub wanted_pose: String,
-    /// The resting poses; their probabilities add up to one.
-    pub resting_poses: Vec<RestingPose>,
-    /// `dropoff_transition[i][j]`: probability that a part which falls off the plateau in pose i lands in pose j. As
-    /// many rows and columns as resting poses; each row adds up to one.
-    pub dropoff_transition: Vec<Vec<f64>>,
-}
-
-/// A checked [`PartSpec`]. Deserialising one checks it too.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "PartSpec", into = "PartSpec")]
-pub struct PartType {
-    spec: PartSpec,
-    wanted_pose_index: usize,
+    /// The stable poses: first those with names of their own, in the order of the file, then by probability.
+    pub poses: Vec<StablePose>,
+    /// Indices of the poses in which the part is wanted.
+    pub wanted_poses: Vec<usize>,
+    /// Probability of each pose after a part was poured onto the tray.
+    pub poured: Vec<f64>,
+    /// `dropoff[i][j]`: probability that a part which falls off the plateau in pose i lands in pose j.
+    pub dropoff: Vec<Vec<f64>>,
 }
 
 /// Why a [`PartSpec`] describes no part.
 #[derive(Clone, Debug, PartialEq, Error)]
-pub enum PartTypeError {
+#[error("part {part:?}: {problem}")]
+pub struct PartTypeError {
+    /// Name of the part type.
+    pub part: String,
+    /// What is wrong with it.
+    pub problem: PartProblem,
+}
+
+/// What is wrong with a part.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum PartProblem {
     /// A number lies outside its range.
-    #[error("part {part:?}: {key} = {value} is outside the allowed range {allowed}")]
+    #[error("{key} = {value} is outside the allowed range {allowed}")]
     OutOfRange {
-        /// Name of the part type.
-        part: String,
         /// The key, with indices where it is a list.
         key: String,
         /// The value found.
@@ -69,252 +58,217 @@ pub enum PartTypeError {
         /// The range allowed.
         allowed: String,
     },
+    /// The shape is no body.
+    #[error("shape: {0}")]
+    Shape(#[from] ShapeError),
+    /// The body cannot lie still.
+    #[error("shape: {0}")]
+    Pose(#[from] PoseError),
+    /// Two poses share a name, or a pose has two.
+    #[error("poses: {name:?} names a pose that has a name already, allowed is one name for each")]
+    DuplicatePose {
+        /// The name.
+        name: String,
+    },
+    /// A name for a pose that the part does not have.
+    #[error("poses: {name:?} with up = {up:?} is no stable pose, the nearest has up = {nearest:?}")]
+    NoSuchPose {
+        /// The name.
+        name: String,
+        /// Its direction.
+        up: [f64; 3],
+        /// The upward direction of the pose that comes nearest.
+        nearest: [f64; 3],
+    },
+    /// The wanted pose is none of the stable poses, or there is none.
+    #[error("wanted_poses = {wanted:?}, allowed are one or more of {known:?}")]
+    UnknownWantedPose {
+        /// The names asked for.
+        wanted: Vec<String>,
+        /// The names there are.
+        known: Vec<String>,
+    },
+    /// Drop data of another part, or of this one before it was changed.
+    #[error("drops: {what} do not belong to this part as it is now; make them anew with `feeder part --drop`")]
+    StaleDrops {
+        /// What does not fit.
+        what: &'static str,
+    },
     /// Probabilities do not add up to one.
-    #[error("part {part:?}: {key} adds up to {sum}, allowed is 1 within {PROBABILITY_TOLERANCE}")]
+    #[error("{key} adds up to {sum}, allowed is 1 within {PROBABILITY_TOLERANCE}")]
     NotNormalised {
-        /// Name of the part type.
-        part: String,
         /// The key whose entries were summed.
         key: String,
         /// Their sum.
         sum: f64,
     },
-    /// The transition matrix does not fit the number of resting poses.
-    #[error("part {part:?}: {key} has {found} entries, allowed is {expected}, one for each resting pose")]
-    WrongShape {
-        /// Name of the part type.
-        part: String,
-        /// The matrix or its row.
-        key: String,
-        /// Entries found.
-        found: usize,
-        /// Entries needed.
-        expected: usize,
-    },
-    /// Two resting poses share a name.
-    #[error("part {part:?}: resting_poses holds {pose:?} twice, allowed are distinct names")]
-    DuplicatePose {
-        /// Name of the part type.
-        part: String,
-        /// The repeated name.
-        pose: String,
-    },
-    /// The wanted pose is none of the resting poses.
-    #[error("part {part:?}: wanted_pose = {wanted:?}, allowed is one of {known:?}")]
-    UnknownWantedPose {
-        /// Name of the part type.
-        part: String,
-        /// The name asked for.
-        wanted: String,
-        /// The names there are.
-        known: Vec<String>,
-    },
 }
 
 impl PartType {
-    /// Index into [`PartSpec::resting_poses`] of the wanted pose.
+    /// Checks a part and finds its stable poses.
+    ///
+    /// # Errors
+    /// [`PartTypeError`] that names the part, the key and the allowed range.
+    pub fn new(spec: &PartSpec) -> Result<Self, PartTypeError> {
+        Self::build(spec).map_err(|problem| PartTypeError { part: spec.name.clone(), problem })
+    }
+
+    fn build(spec: &PartSpec) -> Result<Self, PartProblem> {
+        check_numbers(spec)?;
+        let mesh = spec.shape.mesh(spec.reflectance)?;
+        let poses = named(stable_poses(&mesh)?, spec)?;
+        let find = |name: &String| poses.iter().position(|pose| pose.name == *name);
+        let wanted: Option<Vec<usize>> = spec.wanted_poses.iter().map(find).collect();
+        let Some(wanted_poses) = wanted.filter(|wanted| !wanted.is_empty()) else {
+            return Err(PartProblem::UnknownWantedPose {
+                wanted: spec.wanted_poses.clone(),
+                known: poses.iter().map(|pose| pose.name.clone()).collect(),
+            });
+        };
+        let estimate: Vec<f64> = poses.iter().map(|pose| pose.probability).collect();
+        let mut part = Self {
+            name: spec.name.clone(),
+            mass_kg: spec.density_kg_m3 * mesh.volume_m3(),
+            mesh,
+            friction_static: spec.friction_static,
+            friction_kinetic: spec.friction_kinetic,
+            dropoff: vec![estimate.clone(); poses.len()],
+            poured: estimate,
+            poses,
+            wanted_poses,
+        };
+        if let Some(drops) = &spec.drops {
+            part.check_drops(drops)?;
+            part.poured.clone_from(&drops.poured);
+            part.dropoff.clone_from(&drops.dropoff);
+        }
+        Ok(part)
+    }
+
+    /// Names of the poses in which the part is wanted.
+    pub fn wanted_pose_names(&self) -> impl Iterator<Item = &str> {
+        self.wanted_poses.iter().map(|&pose| self.poses[pose].name.as_str())
+    }
+
+    /// Largest distance of a point of the part from its centre of mass, seen from above in any pose, m.
     #[must_use]
-    pub fn wanted_pose_index(&self) -> usize {
-        self.wanted_pose_index
+    pub fn outline_radius_m(&self) -> f64 {
+        self.poses.iter().map(|pose| pose.outline.radius_m).fold(0.0, f64::max)
     }
 
-    /// Radius of the disc, m.
+    /// Least width of the part seen from above in any pose, m.
     #[must_use]
-    pub fn radius_m(&self) -> f64 {
-        self.spec.diameter_m / 2.0
+    pub fn width_min_m(&self) -> f64 {
+        self.poses.iter().map(|pose| pose.outline.width_range_m().0).fold(f64::INFINITY, f64::min)
     }
-}
 
-impl Deref for PartType {
-    type Target = PartSpec;
-
-    fn deref(&self) -> &PartSpec {
-        &self.spec
+    /// Height of the part in its highest pose, m.
+    #[must_use]
+    pub fn height_max_m(&self) -> f64 {
+        self.poses.iter().map(|pose| pose.height_m).fold(0.0, f64::max)
     }
-}
 
-impl From<PartType> for PartSpec {
-    fn from(part: PartType) -> Self {
-        part.spec
-    }
-}
-
-impl TryFrom<PartSpec> for PartType {
-    type Error = PartTypeError;
-
-    fn try_from(spec: PartSpec) -> Result<Self, PartTypeError> {
-        spec.check_numbers()?;
-        spec.check_probabilities()?;
-        let wanted_pose_index = spec.find_wanted_pose()?;
-        Ok(Self { spec, wanted_pose_index })
-    }
-}
-
-impl PartSpec {
-    fn check_numbers(&self) -> Result<(), PartTypeError> {
-        let positive = [
-            ("diameter_m", self.diameter_m),
-            ("thickness_m", self.thickness_m),
-            ("mass_kg", self.mass_kg),
-            ("friction_static", self.friction_static),
-            ("friction_kinetic", self.friction_kinetic),
-        ];
-        for (key, value) in positive {
-            if !(value.is_finite() && value > 0.0) {
-                return Err(self.out_of_range(key.to_owned(), value, "(0, ∞)".to_owned()));
-            }
+    /// A number that changes with whatever the outcome of a drop depends on: the body, its friction, and the names and
+    /// order of its poses.
+    #[must_use]
+    pub fn fingerprint(&self) -> String {
+        let mut text = format!("{:.6e} {:.6e} {:.6e}", self.mass_kg, self.friction_static, self.friction_kinetic);
+        for pose in &self.poses {
+            let up = pose.up[0];
+            text += &format!(
+                " {} {:.6e} {:.6e} {:.4} {:.4} {:.4}",
+                pose.name,
+                pose.height_m,
+                pose.outline.area_m2(),
+                up.x + 0.0,
+                up.y + 0.0,
+                up.z + 0.0
+            );
         }
-        if self.friction_kinetic > self.friction_static {
-            return Err(self.out_of_range(
-                "friction_kinetic".to_owned(),
-                self.friction_kinetic,
-                format!("(0, friction_static = {}]", self.friction_static),
-            ));
+        format!("{:016x}", crate::seed::seed_for(self.mesh.triangles().len() as u64, &text))
+    }
+
+    fn check_drops(&self, drops: &DropTable) -> Result<(), PartProblem> {
+        let stale = |what| PartProblem::StaleDrops { what };
+        let names = self.poses.iter().map(|pose| &pose.name);
+        if !drops.poses.iter().eq(names) {
+            return Err(stale("poses"));
+        }
+        if drops.fingerprint != self.fingerprint() {
+            return Err(stale("fingerprint"));
+        }
+        let count = self.poses.len();
+        if drops.dropoff.len() != count || drops.dropoff.iter().any(|row| row.len() != count) {
+            return Err(stale("rows and columns"));
+        }
+        check_distribution("drops.poured", &drops.poured)?;
+        for (index, row) in drops.dropoff.iter().enumerate() {
+            check_distribution(&format!("drops.dropoff[{index}]"), row)?;
         }
         Ok(())
     }
-
-    fn check_probabilities(&self) -> Result<(), PartTypeError> {
-        let poses = self.resting_poses.iter().map(|pose| pose.probability);
-        self.check_distribution("resting_poses", poses)?;
-        let expected = self.resting_poses.len();
-        self.check_length("dropoff_transition", self.dropoff_transition.len(), expected)?;
-        for (index, row) in self.dropoff_transition.iter().enumerate() {
-            let key = format!("dropoff_transition[{index}]");
-            self.check_length(&key, row.len(), expected)?;
-            self.check_distribution(&key, row.iter().copied())?;
-        }
-        Ok(())
-    }
-
-    fn check_distribution(&self, key: &str, probabilities: impl Iterator<Item = f64>) -> Result<(), PartTypeError> {
-        let mut sum = 0.0;
-        for (index, probability) in probabilities.enumerate() {
-            if !(0.0..=1.0).contains(&probability) {
-                return Err(self.out_of_range(format!("{key}[{index}]"), probability, "[0, 1]".to_owned()));
-            }
-            sum += probability;
-        }
-        if (sum - 1.0).abs() > PROBABILITY_TOLERANCE {
-            return Err(PartTypeError::NotNormalised { part: self.name.clone(), key: key.to_owned(), sum });
-        }
-        Ok(())
-    }
-
-    fn check_length(&self, key: &str, found: usize, expected: usize) -> Result<(), PartTypeError> {
-        if found == expected {
-            return Ok(());
-        }
-        Err(PartTypeError::WrongShape { part: self.name.clone(), key: key.to_owned(), found, expected })
-    }
-
-    fn find_wanted_pose(&self) -> Result<usize, PartTypeError> {
-        for (index, pose) in self.resting_poses.iter().enumerate() {
-            if self.resting_poses[..index].iter().any(|other| other.name == pose.name) {
-                return Err(PartTypeError::DuplicatePose { part: self.name.clone(), pose: pose.name.clone() });
-            }
-        }
-        self.resting_poses.iter().position(|pose| pose.name == self.wanted_pose).ok_or_else(|| {
-            PartTypeError::UnknownWantedPose {
-                part: self.name.clone(),
-                wanted: self.wanted_pose.clone(),
-                known: self.resting_poses.iter().map(|pose| pose.name.clone()).collect(),
-            }
-        })
-    }
-
-    fn out_of_range(&self, key: String, value: f64, allowed: String) -> PartTypeError {
-        PartTypeError::OutOfRange { part: self.name.clone(), key, value, allowed }
-    }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// Gives the poses the names of the file and sorts these to the front.
+fn named(mut poses: Vec<StablePose>, spec: &PartSpec) -> Result<Vec<StablePose>, PartProblem> {
+    let mut sorted = Vec::with_capacity(poses.len());
+    for name in &spec.poses {
+        let up = Vector3::from(name.up);
+        let angle_rad = |pose: &StablePose| pose.up.iter().map(|own| own.angle(&up)).fold(f64::INFINITY, f64::min);
+        let duplicate = || PartProblem::DuplicatePose { name: name.name.clone() };
+        if sorted.iter().any(|pose: &StablePose| pose.name == name.name || angle_rad(pose) < NAME_ANGLE_MAX_RAD) {
+            return Err(duplicate());
+        }
+        let nearest = (0..poses.len()).min_by(|&a, &b| angle_rad(&poses[a]).total_cmp(&angle_rad(&poses[b])));
+        let nearest = nearest.ok_or_else(duplicate)?;
+        // Written so that a direction of length 0, which has no angle, is refused.
+        if !(up.norm() > 0.0 && angle_rad(&poses[nearest]) < NAME_ANGLE_MAX_RAD) {
+            let nearest = poses[nearest].up[0];
+            let nearest = [nearest.x, nearest.y, nearest.z];
+            return Err(PartProblem::NoSuchPose { name: name.name.clone(), up: name.up, nearest });
+        }
+        let pose = poses.remove(nearest);
+        sorted.push(StablePose { name: name.name.clone(), ..pose });
+    }
+    for (index, pose) in poses.into_iter().enumerate() {
+        sorted.push(StablePose { name: format!("pose_{}", index + 1), ..pose });
+    }
+    Ok(sorted)
+}
 
-    fn coin() -> PartSpec {
-        PartSpec {
-            name: "coin".to_owned(),
-            diameter_m: 0.006,
-            thickness_m: 0.001,
-            mass_kg: 2e-4,
-            friction_static: 0.2,
-            friction_kinetic: 0.2,
-            wanted_pose: "heads".to_owned(),
-            resting_poses: vec![
-                RestingPose { name: "tails".to_owned(), probability: 0.5 },
-                RestingPose { name: "heads".to_owned(), probability: 0.5 },
-            ],
-            dropoff_transition: vec![vec![0.6, 0.4], vec![0.3, 0.7]],
+fn check_numbers(spec: &PartSpec) -> Result<(), PartProblem> {
+    let out_of_range =
+        |key: &str, value: f64, allowed: String| Err(PartProblem::OutOfRange { key: key.to_owned(), value, allowed });
+    let positive = [
+        ("density_kg_m3", spec.density_kg_m3),
+        ("friction_static", spec.friction_static),
+        ("friction_kinetic", spec.friction_kinetic),
+    ];
+    for (key, value) in positive {
+        if !(value.is_finite() && value > 0.0) {
+            return out_of_range(key, value, "(0, ∞)".to_owned());
         }
     }
-
-    fn complaint(change: impl FnOnce(&mut PartSpec)) -> String {
-        let mut spec = coin();
-        change(&mut spec);
-        PartType::try_from(spec).map_or_else(|error| error.to_string(), |_| "accepted".to_owned())
+    if spec.friction_kinetic > spec.friction_static {
+        let allowed = format!("(0, friction_static = {}]", spec.friction_static);
+        return out_of_range("friction_kinetic", spec.friction_kinetic, allowed);
     }
-
-    #[test]
-    fn a_sound_part_is_accepted_and_knows_its_wanted_pose() {
-        let part = PartType::try_from(coin()).unwrap();
-        assert_eq!(part.wanted_pose_index(), 1);
-        assert_eq!(part.resting_poses.len(), 2);
+    if !(0.0..=1.0).contains(&spec.reflectance) {
+        return out_of_range("reflectance", spec.reflectance, "[0, 1]".to_owned());
     }
+    Ok(())
+}
 
-    #[test]
-    fn errors_name_part_key_value_and_allowed_range() {
-        for (message, expected) in [
-            (
-                complaint(|spec| spec.friction_kinetic = 0.25),
-                "part \"coin\": friction_kinetic = 0.25 is outside the allowed range (0, friction_static = 0.2]",
-            ),
-            (
-                complaint(|spec| spec.friction_static = 0.0),
-                "part \"coin\": friction_static = 0 is outside the allowed range (0, ∞)",
-            ),
-            (
-                complaint(|spec| spec.diameter_m = f64::NAN),
-                "part \"coin\": diameter_m = NaN is outside the allowed range (0, ∞)",
-            ),
-            (
-                complaint(|spec| spec.dropoff_transition[1][0] = -0.3),
-                "part \"coin\": dropoff_transition[1][0] = -0.3 is outside the allowed range [0, 1]",
-            ),
-            (
-                complaint(|spec| spec.dropoff_transition[1] = vec![0.5, 0.25]),
-                "part \"coin\": dropoff_transition[1] adds up to 0.75, allowed is 1 within 0.000001",
-            ),
-            (
-                complaint(|spec| spec.dropoff_transition.truncate(1)),
-                "part \"coin\": dropoff_transition has 1 entries, allowed is 2, one for each resting pose",
-            ),
-            (
-                complaint(|spec| spec.resting_poses.clear()),
-                "part \"coin\": resting_poses adds up to 0, allowed is 1 within 0.000001",
-            ),
-            (
-                complaint(|spec| spec.resting_poses[0].name = "heads".to_owned()),
-                "part \"coin\": resting_poses holds \"heads\" twice, allowed are distinct names",
-            ),
-            (
-                complaint(|spec| spec.wanted_pose = "edge".to_owned()),
-                "part \"coin\": wanted_pose = \"edge\", allowed is one of [\"tails\", \"heads\"]",
-            ),
-        ] {
-            assert_eq!(message, expected);
+fn check_distribution(key: &str, probabilities: &[f64]) -> Result<(), PartProblem> {
+    for (index, &value) in probabilities.iter().enumerate() {
+        if !(0.0..=1.0).contains(&value) {
+            let key = format!("{key}[{index}]");
+            return Err(PartProblem::OutOfRange { key, value, allowed: "[0, 1]".to_owned() });
         }
     }
-
-    #[test]
-    fn deserialising_checks_and_refuses_unknown_keys() {
-        let text = serde_json::to_string(&PartType::try_from(coin()).unwrap()).unwrap();
-        let back: PartType = serde_json::from_str(&text).unwrap();
-        assert_eq!(*back, coin());
-        let bad = text.replace("\"diameter_m\":0.006", "\"diameter_m\":-1.0");
-        let error = serde_json::from_str::<PartType>(&bad).unwrap_err().to_string();
-        assert!(error.contains("diameter_m = -1 is outside"), "{error}");
-        let unknown = text.replace("\"diameter_m\"", "\"diametre_m\"");
-        assert!(serde_json::from_str::<PartType>(&unknown).is_err());
+    let sum: f64 = probabilities.iter().sum();
+    if (sum - 1.0).abs() > PROBABILITY_TOLERANCE {
+        return Err(PartProblem::NotNormalised { key: key.to_owned(), sum });
     }
+    Ok(())
 }

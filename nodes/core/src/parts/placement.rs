@@ -6,8 +6,9 @@ use std::ops::RangeInclusive;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
+use super::touch::{Scratch, touch};
 use super::track::Track;
-use super::{BulkSettings, Part, PartSpec, Place};
+use super::{BulkSettings, Part, PartType, Place};
 use crate::tray::TrayGeometry;
 
 /// Random places tried for one part before the tray counts as full.
@@ -25,29 +26,37 @@ pub(super) struct LoadingBand {
 }
 
 impl LoadingBand {
-    /// From the foot of the ramp to the edge of the last surface loaded, clear of the drop-off's face and edge.
-    pub(super) fn new(tray: TrayGeometry, track: &Track, settings: &BulkSettings) -> Self {
-        let inner_m = settings.loading_inner_radius_m.max(track.innermost_m);
-        let clearance_rad = (track.part_radius_m / inner_m).asin();
+    /// From the foot of the ramp to the edge of the last surface loaded, clear of the drop-off's face and edge by
+    /// `radius_m`, the largest of a part.
+    pub(super) fn new(tray: TrayGeometry, radius_m: f64, settings: &BulkSettings) -> Self {
+        let inner_m = settings.loading_inner_radius_m.unwrap_or(0.0).max(tray.inner_radius_m + radius_m);
+        let clearance_rad = (radius_m / inner_m).asin();
         let end_rad = if settings.load_plateau { TAU - clearance_rad } else { tray.ramp_angle_rad };
-        Self { tray, radii_m: inner_m..=track.outermost_m, angles_rad: clearance_rad..=end_rad }
+        Self { tray, radii_m: inner_m..=tray.outer_radius_m - radius_m, angles_rad: clearance_rad..=end_rad }
     }
 
-    /// A place in the band, free of the parts present, or `None` if none was found.
-    pub(super) fn find_place(&self, parts: &[Part], diameter_m: f64, rng: &mut Pcg64Mcg) -> Option<(Place, f64, f64)> {
+    /// Puts `part` somewhere in the band, free of the parts present. Returns whether there was a place.
+    pub(super) fn place(
+        &self,
+        part: &mut Part,
+        parts: &[Part],
+        track: &Track,
+        scratch: &mut Scratch,
+        rng: &mut Pcg64Mcg,
+    ) -> bool {
         for _ in 0..LOADING_ATTEMPTS {
             // Uniform over the area.
             let squared = self.radii_m.start().powi(2)..=self.radii_m.end().powi(2);
             let radius_m = rng.random_range(squared).sqrt();
             let angle_rad = rng.random_range(self.angles_rad.clone());
             let (sin, cos) = angle_rad.sin_cos();
-            let (x_m, y_m) = (radius_m * cos, radius_m * sin);
-            if is_free(parts, x_m, y_m, diameter_m) {
-                let place = Place::from(self.tray.surface(angle_rad));
-                return Some((place, x_m, y_m));
+            (part.x_m, part.y_m) = (radius_m * cos, radius_m * sin);
+            part.place = Place::from(self.tray.surface(angle_rad));
+            if is_free(part, parts, track, scratch) {
+                return true;
             }
         }
-        None
+        false
     }
 }
 
@@ -63,37 +72,41 @@ impl LandingZone {
         Self { scatter_m: settings.landing_scatter_m, length_m: settings.landing_length_m }
     }
 
-    /// A free place at the foot of the ramp for the part that left the plateau at radius `left_at_m`, or `None`.
-    pub(super) fn find_place(
+    /// Puts `part`, which left the plateau where it still is, at a free place at the foot of the ramp. Returns whether
+    /// there was one.
+    pub(super) fn place(
         &self,
+        part: &mut Part,
         parts: &[Part],
-        left_at_m: f64,
         track: &Track,
+        scratch: &mut Scratch,
         rng: &mut Pcg64Mcg,
-    ) -> Option<(f64, f64)> {
+    ) -> bool {
+        let (left_at_m, clearance_m) = (part.radius_m(), track.body(part).radius_m);
+        let radii_m = track.centres_m(part);
+        part.place = Place::Ramp;
         for _ in 0..LANDING_ATTEMPTS {
-            let radius_m =
-                (left_at_m + self.scatter_m * symmetric_share(rng)).clamp(track.innermost_m, track.outermost_m);
-            let y_m = track.part_radius_m + self.length_m * rng.random::<f64>();
-            let x_m = (radius_m * radius_m - y_m * y_m).max(0.0).sqrt();
+            let radius_m = (left_at_m + self.scatter_m * symmetric_share(rng)).clamp(*radii_m.start(), *radii_m.end());
+            part.y_m = clearance_m + self.length_m * rng.random::<f64>();
+            part.x_m = (radius_m * radius_m - part.y_m * part.y_m).max(0.0).sqrt();
             // A part on the end of the plateau hangs over the place, but well above it.
-            let mut on_ramp = parts.iter().filter(|part| part.place == Place::Ramp);
-            if on_ramp.all(|part| clears(part, x_m, y_m, 2.0 * track.part_radius_m)) {
-                return Some((x_m, y_m));
+            let mut on_ramp = parts.iter().filter(|other| other.place == Place::Ramp);
+            if on_ramp.all(|other| clears(part, other, track, scratch)) {
+                return true;
             }
         }
-        None
+        false
     }
 }
 
-/// Whether a disc at (`x_m`, `y_m`) would touch no part on a surface.
-pub(super) fn is_free(parts: &[Part], x_m: f64, y_m: f64, diameter_m: f64) -> bool {
-    let mut on_surface = parts.iter().filter(|part| part.place != Place::Falling);
-    on_surface.all(|part| clears(part, x_m, y_m, diameter_m))
+/// Whether a part would touch no other on a surface.
+pub(super) fn is_free(part: &Part, parts: &[Part], track: &Track, scratch: &mut Scratch) -> bool {
+    let mut on_surface = parts.iter().filter(|other| other.place != Place::Falling);
+    on_surface.all(|other| clears(part, other, track, scratch))
 }
 
-fn clears(part: &Part, x_m: f64, y_m: f64, diameter_m: f64) -> bool {
-    part.squared_distance_m2(x_m, y_m) >= diameter_m * diameter_m
+fn clears(part: &Part, other: &Part, track: &Track, scratch: &mut Scratch) -> bool {
+    touch((track.body(part), part), (track.body(other), other), scratch).is_none()
 }
 
 /// A heading, uniform over the circle, rad.
@@ -106,14 +119,14 @@ fn symmetric_share(rng: &mut Pcg64Mcg) -> f64 {
     2.0 * rng.random::<f64>() - 1.0
 }
 
-/// The resting pose of a part poured onto the tray.
-pub(super) fn random_pose(spec: &PartSpec, rng: &mut Pcg64Mcg) -> usize {
-    draw(spec.resting_poses.iter().map(|pose| pose.probability), rng)
+/// The pose of a part poured onto the tray.
+pub(super) fn random_pose(part: &PartType, rng: &mut Pcg64Mcg) -> usize {
+    draw(part.poured.iter().copied(), rng)
 }
 
-/// The resting pose of a part that fell off the plateau in pose `from`.
-pub(super) fn random_pose_after_fall(spec: &PartSpec, from: usize, rng: &mut Pcg64Mcg) -> usize {
-    draw(spec.dropoff_transition[from].iter().copied(), rng)
+/// The pose of a part that fell off the plateau in pose `from`.
+pub(super) fn random_pose_after_fall(part: &PartType, from: usize, rng: &mut Pcg64Mcg) -> usize {
+    draw(part.dropoff[from].iter().copied(), rng)
 }
 
 /// Draws an index with the given probabilities, which add up to one but for rounding.

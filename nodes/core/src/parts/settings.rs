@@ -15,15 +15,16 @@ const LARGEST_TRAY_M: f64 = 10.0;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct BulkSettings {
-    /// Parts are loaded with their centres no nearer to the tray's axis than this, m. Choose it outside the critical
-    /// radius of the waveform.
-    pub loading_inner_radius_m: f64,
+    /// Parts are loaded with their centres no nearer to the tray's axis than this, m. It must lie outside the critical
+    /// radius of the waveform. Left out: anywhere between the walls.
+    pub loading_inner_radius_m: Option<f64>,
     /// Whether parts are loaded onto the plateau as well as onto the ramp.
     pub load_plateau: bool,
-    /// Radius inside which the waveform moves parts down the ramp, m: such a part is reported as stranded. Zero if
+    /// Radius inside which the waveform moves parts down the ramp, m: such a part is reported as stranded. Left out:
     /// there is none.
-    pub critical_radius_m: f64,
-    /// A part inside the critical radius is stranded if it has not climbed within this time, s.
+    pub critical_radius_m: Option<f64>,
+    /// Time between two looks at who climbs, s: a part inside the critical radius that has not is stranded, and one outside
+    /// it that was shaken and has not is blocked.
     pub stranding_time_s: f64,
     /// Coefficient of restitution between parts, 0 to 1.
     pub part_restitution: f64,
@@ -44,9 +45,9 @@ pub struct BulkSettings {
 impl Default for BulkSettings {
     fn default() -> Self {
         Self {
-            loading_inner_radius_m: 0.075,
+            loading_inner_radius_m: None,
             load_plateau: false,
-            critical_radius_m: 0.0576,
+            critical_radius_m: None,
             stranding_time_s: 1.0,
             part_restitution: 0.0,
             part_friction: 0.2,
@@ -63,7 +64,7 @@ impl Default for BulkSettings {
 #[derive(Clone, Debug, PartialEq, Error)]
 #[error("{key} = {value} is outside the allowed range {allowed}")]
 pub struct BulkError {
-    /// The key, prefixed by `tray.`, `part.` or `bulk.`.
+    /// The key, prefixed by `tray.` or `bulk.`, or what the number is.
     pub key: &'static str,
     /// The value found.
     pub value: f64,
@@ -89,19 +90,18 @@ pub(super) fn check_tray(tray: &TrayGeometry, part: &PartType) -> Result<(), Bul
     require((FRAC_PI_2..=1.5 * PI).contains(&ramp), "tray.ramp_angle_rad", ramp, || {
         format!("[{FRAC_PI_2}, {}] rad", 1.5 * PI)
     })?;
-    let path = outer - inner;
-    require(part.diameter_m < path, "part.diameter_m", part.diameter_m, || {
+    let (path, across) = (outer - inner, 2.0 * part.outline_radius_m());
+    require(across < path, "the part's largest width", across, || {
         format!("(0, {path}) m, the width of the tray's path")
     })?;
-    require(part.thickness_m < rise, "part.thickness_m", part.thickness_m, || {
-        format!("(0, {rise}) m, the height of the drop-off")
-    })
+    let height = part.height_max_m();
+    require(height < rise, "the part's largest height", height, || format!("(0, {rise}) m, the height of the drop-off"))
 }
 
 impl BulkSettings {
     pub(super) fn check(&self, tray: &TrayGeometry, part: &PartType) -> Result<(), BulkError> {
-        let outermost = tray.outer_radius_m - part.radius_m();
-        let inner = self.loading_inner_radius_m;
+        let outermost = tray.outer_radius_m - part.outline_radius_m();
+        let inner = self.loading_inner_radius_m.unwrap_or(0.0);
         require((0.0..outermost).contains(&inner), "bulk.loading_inner_radius_m", inner, || {
             format!("[0, {outermost}) m, for the part's centre inside the outer wall")
         })?;
@@ -111,7 +111,7 @@ impl BulkSettings {
             require((0.0..=1.0).contains(&value), key, value, || "[0, 1]".to_owned())?;
         }
         let not_negative = [
-            ("bulk.critical_radius_m", self.critical_radius_m, "[0, ∞) m"),
+            ("bulk.critical_radius_m", self.critical_radius_m.unwrap_or(0.0), "[0, ∞) m"),
             ("bulk.part_friction", self.part_friction, "[0, ∞)"),
             ("bulk.wall_friction", self.wall_friction, "[0, ∞)"),
             ("bulk.settling_time_s", self.settling_time_s, "[0, ∞) s"),
@@ -150,7 +150,7 @@ mod tests {
             checked.unwrap_err().to_string()
         };
         assert_eq!(
-            message(|settings| settings.loading_inner_radius_m = 0.089),
+            message(|settings| settings.loading_inner_radius_m = Some(0.089)),
             "bulk.loading_inner_radius_m = 0.089 is outside the allowed range [0, 0.088) m, \
              for the part's centre inside the outer wall"
         );
@@ -171,10 +171,10 @@ mod tests {
     #[test]
     fn a_part_wider_than_the_path_or_higher_than_the_drop_is_refused() {
         let wide = check_tray(&TrayGeometry::PAPER, &disc(0.061, 0.2)).unwrap_err();
-        assert_eq!(wide.key, "part.diameter_m");
+        assert_eq!(wide.key, "the part's largest width");
         let flat = TrayGeometry { rise_m: 0.0005, ..TrayGeometry::PAPER };
         let high = check_tray(&flat, &disc(0.005, 0.2)).unwrap_err();
-        assert_eq!(high.key, "part.thickness_m");
+        assert_eq!(high.key, "the part's largest height");
         let steep = TrayGeometry { ramp_angle_rad: 5.0, ..TrayGeometry::PAPER };
         let error = check_tray(&steep, &disc(0.005, 0.2)).unwrap_err();
         assert_eq!((error.key, error.value), ("tray.ramp_angle_rad", 5.0));

@@ -5,43 +5,56 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::Vector3;
 
 use super::*;
+use crate::geometry::{Loop, ShapeSpec, Solid};
 use crate::gravity::STANDARD_GRAVITY_M_S2;
 use crate::motion::{MotionBlock, MotionSample};
 use crate::tray::TrayGeometry;
 
-/// A disc with two equally likely faces and one coefficient of friction.
+/// A disc with a bright and a dark face, equally likely, and one coefficient of friction.
 pub(super) fn disc(diameter_m: f64, friction: f64) -> PartType {
-    let pose = |name: &str| RestingPose { name: name.to_owned(), probability: 0.5 };
-    PartType::try_from(PartSpec {
+    let outline = || Loop::Circle { radius_m: diameter_m / 2.0, centre_m: [0.0; 2] };
+    let layer = |z_m, share| Solid::Extruded { outline: outline(), holes: vec![], z_m, reflectance: Some(share) };
+    let solids = vec![layer([0.0, 0.0005], 0.2), layer([0.0005, 0.001], 0.8)];
+    PartType::new(&PartSpec {
         name: "disc".to_owned(),
-        diameter_m,
-        thickness_m: 0.001,
-        mass_kg: 2e-4,
+        density_kg_m3: 8000.0,
         friction_static: friction,
         friction_kinetic: friction,
-        wanted_pose: "up".to_owned(),
-        resting_poses: vec![pose("up"), pose("down")],
-        dropoff_transition: vec![vec![0.5, 0.5]; 2],
+        reflectance: 0.5,
+        shape: ShapeSpec::Solids(solids),
+        poses: vec![PoseName { name: "up".to_owned(), up: [0.0, 0.0, 1.0] }],
+        wanted_poses: vec!["up".to_owned()],
+        drops: None,
     })
     .unwrap()
 }
 
+/// A block that lies flat in its first pose.
+pub(super) fn block(x_m: f64, y_m: f64, z_m: f64) -> PartType {
+    let outline = Loop::Polygon(vec![[0.0, 0.0], [x_m, 0.0], [x_m, y_m], [0.0, y_m]]);
+    let solids = vec![Solid::Extruded { outline, holes: vec![], z_m: [0.0, z_m], reflectance: None }];
+    PartType::new(&PartSpec {
+        name: "block".to_owned(),
+        density_kg_m3: 8000.0,
+        friction_static: 0.2,
+        friction_kinetic: 0.2,
+        reflectance: 0.5,
+        shape: ShapeSpec::Solids(solids),
+        poses: vec![PoseName { name: "flat".to_owned(), up: [0.0, 0.0, 1.0] }],
+        wanted_poses: vec!["flat".to_owned()],
+        drops: None,
+    })
+    .unwrap()
+}
+
+/// The paper's tray for a part.
+pub(super) fn track(part: &PartType) -> super::track::Track {
+    super::track::Track::new(&TrayGeometry::PAPER, part, &BulkSettings::default())
+}
+
 /// A part at rest, outside any bulk.
 pub(super) fn part_at(place: Place, x_m: f64, y_m: f64) -> Part {
-    Part {
-        id: 0,
-        place,
-        pose: 0,
-        x_m,
-        y_m,
-        yaw_rad: 0.0,
-        velocity_x_m_s: 0.0,
-        velocity_y_m_s: 0.0,
-        stranded: false,
-        fed: false,
-        landing_in_s: 0.0,
-        judged_angle_rad: 0.0,
-    }
+    Part { x_m, y_m, ..Part::at_rest(place, 0, 0.0) }
 }
 
 fn bulk(settings: BulkSettings) -> PartBulk {

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Scenario, ScenarioError, Station, WaveformSpec, check_name, invalid};
 use crate::delivery::DeliverySequencer;
+use crate::parts::PartType;
 use crate::platen::Area;
 use crate::range::OutOfRange;
 use crate::seed::seed_for;
@@ -54,10 +55,10 @@ pub struct Recipe {
 impl Scenario {
     /// The recipes, every pose spelled out; without any in the scenario, one of the part's name with all its poses.
     #[must_use]
-    pub fn recipes(&self) -> Vec<Recipe> {
-        let all = || self.part.resting_poses.iter().map(|pose| pose.name.clone()).collect();
+    pub fn recipes(&self, part: &PartType) -> Vec<Recipe> {
+        let all = || part.poses.iter().map(|pose| pose.name.clone()).collect();
         if self.recipes.is_empty() {
-            return vec![Recipe { name: self.part.name.clone(), pose_classes: all(), waveform: None }];
+            return vec![Recipe { name: part.name.clone(), pose_classes: all(), waveform: None }];
         }
         let spelled = self.recipes.iter().map(|recipe| {
             let given = recipe.pose_classes.clone();
@@ -115,7 +116,7 @@ impl Scenario {
     }
 
     /// Stations whose tool axis the feeder's camera sees at the height of the plateau, with the part about it.
-    pub(super) fn rechecked_stations(&self) -> BTreeSet<String> {
+    pub(super) fn rechecked_stations(&self, part: &PartType) -> BTreeSet<String> {
         let model = &self.camera.model;
         let (width_px, height_px) = (f64::from(model.width_px()), f64::from(model.height_px()));
         let is_seen = |x_m: f64, y_m: f64| {
@@ -123,7 +124,7 @@ impl Scenario {
             pixel.is_some_and(|pixel| (0.0..width_px).contains(&pixel.x) && (0.0..height_px).contains(&pixel.y))
         };
         // A part and as much again about it, as tracking it needs.
-        let around_m = 2.0 * self.part.diameter_m;
+        let around_m = 4.0 * part.outline_radius_m();
         let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
         let seen = self.stations.iter().filter(|station| {
             corners.iter().all(|(x, y)| is_seen(station.x_m + x * around_m, station.y_m + y * around_m))
@@ -138,9 +139,9 @@ impl Scenario {
         self.further_feeders.iter().map(move |further| Area::disc(Vector2::new(further.x_m, further.y_m), radius_m))
     }
 
-    fn validate_recipes(&self) -> Result<(), ScenarioError> {
+    fn validate_recipes(&self, part: &PartType) -> Result<(), ScenarioError> {
         let refuse = |problem| Err(ScenarioError::Invalid { section: "recipes", problem });
-        let poses: Vec<&str> = self.part.resting_poses.iter().map(|pose| pose.name.as_str()).collect();
+        let poses: Vec<&str> = part.poses.iter().map(|pose| pose.name.as_str()).collect();
         for (index, recipe) in self.recipes.iter().enumerate() {
             if self.recipes[..index].iter().any(|other| other.name == recipe.name) {
                 return refuse(format!("name = {:?} is used twice, allowed are distinct names", recipe.name));
@@ -157,8 +158,8 @@ impl Scenario {
         Ok(())
     }
 
-    pub(super) fn validate_cell(&self) -> Result<(), ScenarioError> {
-        self.validate_recipes()?;
+    pub(super) fn validate_cell(&self, part: &PartType) -> Result<(), ScenarioError> {
+        self.validate_recipes(part)?;
         for further in &self.further_feeders {
             for (key, value) in [("x_m", further.x_m), ("y_m", further.y_m)] {
                 let name = format_args!("{}.{key}", further.name);

@@ -1,6 +1,7 @@
 //! A scenario: everything a run depends on, in one YAML file.
 
 mod cell;
+mod loading;
 mod waveform;
 
 use std::fmt;
@@ -8,13 +9,11 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use crate::camera::{
-    CameraModel, FaceAppearance, LightModel, MountedTray, PartAppearance, Scene, SensorModel, TrayAppearance,
-};
+use crate::camera::{CameraModel, LightModel, MountedTray, PartSolid, Scene, SensorModel, TrayAppearance};
 use crate::courier::CourierConfig;
 use crate::delivery::DeliveryConfig;
 use crate::manipulator::ManipulatorConfig;
-use crate::parts::{BulkSettings, PartType};
+use crate::parts::{BulkSettings, PartSource, PartType};
 use crate::range::OutOfRange;
 use crate::selection::{PartModel, Selector, SelectorConfig};
 use crate::waveform::Waveform;
@@ -44,9 +43,9 @@ pub struct Scenario {
     /// The courier and its driver.
     #[serde(default)]
     pub courier: CourierConfig,
-    /// The parts.
-    pub part: PartType,
-    /// How the parts behave in bulk.
+    /// The parts: the name of a part of the catalogue, a part file, or a part.
+    pub part: PartSource,
+    /// How the parts behave in bulk. Where the radii are left out they follow from waveform, tray and friction.
     #[serde(default)]
     pub bulk: BulkSettings,
     /// How many parts are loaded at the start.
@@ -133,10 +132,6 @@ pub struct CameraSection {
     pub jpeg_quality: u8,
     /// Optics, size and place, as calibrated.
     pub model: CameraModel,
-    /// How the faces of the parts look, one for each resting pose.
-    pub faces: Vec<FaceAppearance>,
-    /// Reflectance of the sides of the parts, 0 to 1.
-    pub side_reflectance: f64,
     /// How tray and platen look.
     #[serde(default)]
     pub tray: TrayAppearance,
@@ -196,11 +191,9 @@ impl Default for Scenario {
 impl FromStr for Scenario {
     type Err = ScenarioError;
 
-    /// Reads a scenario from YAML and checks it.
+    /// Reads a scenario from YAML and checks it. Its part must be one of the catalogue or spelled out.
     fn from_str(yaml: &str) -> Result<Self, ScenarioError> {
-        let scenario: Self = serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(error.to_string()))?;
-        scenario.validate()?;
-        Ok(scenario)
+        Self::read(yaml, &mut |_| Err("not found in the catalogue, and no file was read".to_owned()))
     }
 }
 
@@ -208,6 +201,27 @@ impl FromStr for Scenario {
 const DURATION_S_MAX: f64 = 86_400.0;
 
 impl Scenario {
+    /// Reads a scenario from YAML and checks it. `read` returns the content of a file the scenario names, or why there
+    /// is none.
+    ///
+    /// # Errors
+    /// A text that is no scenario, a value out of range, or a file that cannot be read.
+    pub fn read(yaml: &str, read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Self, ScenarioError> {
+        let mut scenario: Self =
+            serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(error.to_string()))?;
+        scenario.part.load(read).map_err(|error| invalid("part", &error))?;
+        scenario.validate()?;
+        Ok(scenario)
+    }
+
+    /// The part, with its stable poses.
+    ///
+    /// # Errors
+    /// A part that is neither in the catalogue nor spelled out, or is none.
+    pub fn part_type(&self) -> Result<PartType, ScenarioError> {
+        self.part.part_type().map_err(|error| invalid("part", &error))
+    }
+
     /// The same scenario with another duration.
     ///
     /// # Errors
@@ -234,19 +248,14 @@ impl Scenario {
         self.waveform.design(&self.tray.geometry).map_err(|error| invalid("waveform", &error))
     }
 
-    /// What the camera sees beside the parts.
+    /// What the camera sees.
     #[must_use]
-    pub fn scene(&self) -> Scene {
+    pub fn scene(&self, part: &PartType) -> Scene {
         Scene {
             camera: self.camera.model.clone(),
             tray: self.tray,
             tray_appearance: self.camera.tray,
-            part: PartAppearance {
-                diameter_m: self.part.diameter_m,
-                thickness_m: self.part.thickness_m,
-                side_reflectance: self.camera.side_reflectance,
-                faces: self.camera.faces.clone(),
-            },
+            part: PartSolid::new(part.mesh.clone(), &part.poses),
             light: self.camera.light,
             sensor: self.camera.sensor,
         }
@@ -254,21 +263,21 @@ impl Scenario {
 
     /// The delivery planner's parameters, with the stations and the keep-out areas of this scenario.
     #[must_use]
-    pub fn delivery(&self) -> DeliveryConfig {
+    pub fn delivery(&self, part: &PartType) -> DeliveryConfig {
         let stations_m = self.stations.iter().map(|station| (station.name.clone(), [station.x_m, station.y_m].into()));
         DeliveryConfig {
             stations_m: stations_m.collect(),
-            rechecked_stations: self.rechecked_stations(),
+            rechecked_stations: self.rechecked_stations(part),
             arbitrated: self.is_arbitrated(),
             keep_out: self.platen.keep_out.iter().cloned().chain(self.parked_areas()).collect(),
             ..self.delivery.clone()
         }
     }
 
-    /// The selector's parameters, with the wanted pose of the part.
+    /// The selector's parameters, with the wanted poses of the part.
     #[must_use]
-    pub fn selector(&self) -> SelectorConfig {
-        SelectorConfig { wanted_poses: vec![self.part.wanted_pose_index()], ..self.selector.clone() }
+    pub fn selector(&self, part: &PartType) -> SelectorConfig {
+        SelectorConfig { wanted_poses: part.wanted_poses.clone(), ..self.selector.clone() }
     }
 
     /// A selector that knows the part.
@@ -276,12 +285,12 @@ impl Scenario {
     /// # Errors
     /// A part that was never taught, or values that do not go together.
     pub fn taught_selector(&self) -> Result<Selector, ScenarioError> {
-        let Some(model) = self.part_model.clone() else {
+        let Some(model) = &self.part_model else {
             let problem =
                 "missing: teach the part with `feeder teach --scenario FILE` and add what it prints".to_owned();
             return Err(ScenarioError::Invalid { section: "part_model", problem });
         };
-        Selector::new(self.selector(), &self.camera.model, &self.tray, model)
+        Selector::new(self.selector(&self.part_type()?), &self.camera.model, &self.tray, model)
             .map_err(|error| invalid("selector", &error))
     }
 
@@ -298,15 +307,18 @@ impl Scenario {
         geometry.map_err(|error| invalid("tray", &error))?;
         self.courier.validate().map_err(|error| invalid("courier", &error))?;
         self.validate_waveform()?;
-        crate::parts::PartBulk::new(self.tray.geometry, self.part.clone(), self.bulk, self.seed)
+        let part = self.part_type()?;
+        let bulk = self.bulk_settings(&part)?;
+        crate::parts::PartBulk::new(self.tray.geometry, part.clone(), bulk, self.seed)
             .map_err(|error| invalid("bulk", &error))?;
-        self.validate_camera()?;
-        if self.part_model.is_some() {
-            self.taught_selector()?;
+        self.validate_camera(&part)?;
+        if let Some(model) = &self.part_model {
+            Selector::check(&self.selector(&part), &self.camera.model, &self.tray, model)
+                .map_err(|error| invalid("selector", &error))?;
         }
-        self.delivery().validate().map_err(|error| invalid("delivery", &error))?;
+        self.delivery(&part).validate().map_err(|error| invalid("delivery", &error))?;
         self.validate_stations()?;
-        self.validate_cell()
+        self.validate_cell(&part)
     }
 
     fn validate_time(&self) -> Result<(), ScenarioError> {
@@ -335,7 +347,7 @@ impl Scenario {
         driver.set_waveform(&waveform, true).map_err(|error| invalid("waveform", &error))
     }
 
-    fn validate_camera(&self) -> Result<(), ScenarioError> {
+    fn validate_camera(&self, part: &PartType) -> Result<(), ScenarioError> {
         check_count("camera", "period_ms", self.camera.period_ms, self.time.tick_ms, 10_000)?;
         if !self.camera.period_ms.is_multiple_of(self.time.tick_ms) {
             let problem =
@@ -343,12 +355,7 @@ impl Scenario {
             return Err(ScenarioError::Invalid { section: "camera", problem });
         }
         check_count("camera", "jpeg_quality", self.camera.jpeg_quality.into(), 1, 100)?;
-        let (faces, poses) = (self.camera.faces.len(), self.part.resting_poses.len());
-        if faces != poses {
-            let problem = format!("faces has {faces} entries, allowed is {poses}, one for each resting pose");
-            return Err(ScenarioError::Invalid { section: "camera", problem });
-        }
-        crate::camera::Renderer::new(&self.scene()).map(drop).map_err(|error| invalid("camera", &error))
+        self.scene(part).validate().map_err(|error| invalid("camera", &error))
     }
 
     fn validate_stations(&self) -> Result<(), ScenarioError> {

@@ -19,12 +19,12 @@ pub struct SelectorConfig {
     pub wall_clearance_m: f64,
     /// Grey levels by which something must differ from the plateau to be seen.
     pub contrast_min_levels: f64,
-    /// Share of a part's rim that must be seen.
-    pub rim_support_min: f64,
-    /// Correlation with the taught face from which a face counts as recognised.
-    pub correlation_min: f64,
-    /// Lead in correlation over the second-best face.
-    pub correlation_lead_min: f64,
+    /// Mean square miss, in the template's standard deviations, up to which something is a part.
+    pub miss_max: f64,
+    /// Mean square miss up to which its pose counts as recognised.
+    pub recognised_miss_max: f64,
+    /// By how much, per texel, the evidence for a pose must be stronger than that for another in the same place.
+    pub evidence_lead_min: f64,
     /// Following parts from frame to frame.
     pub tracker: TrackerConfig,
 }
@@ -37,9 +37,9 @@ impl Default for SelectorConfig {
             part_clearance_m: 0.001,
             wall_clearance_m: -0.001,
             contrast_min_levels: 10.0,
-            rim_support_min: 0.55,
-            correlation_min: 0.75,
-            correlation_lead_min: 0.25,
+            miss_max: 3.5,
+            recognised_miss_max: 2.0,
+            evidence_lead_min: 0.15,
             tracker: TrackerConfig::default(),
         }
     }
@@ -52,13 +52,14 @@ impl SelectorConfig {
     ///
     /// [`InvalidValue`] naming the field out of range.
     pub fn validate(&self) -> Result<(), InvalidValue> {
+        let confidence = self.confidence_min;
+        require((0.0..=1.0).contains(&confidence), "selector.confidence_min", confidence, "0 to 1")?;
         for (field, value) in [
-            ("selector.confidence_min", self.confidence_min),
-            ("selector.rim_support_min", self.rim_support_min),
-            ("selector.correlation_min", self.correlation_min),
-            ("selector.correlation_lead_min", self.correlation_lead_min),
+            ("selector.miss_max", self.miss_max),
+            ("selector.recognised_miss_max", self.recognised_miss_max),
+            ("selector.evidence_lead_min", self.evidence_lead_min),
         ] {
-            require((0.0..=1.0).contains(&value), field, value, "0 to 1")?;
+            require((0.01..=16.0).contains(&value), field, value, "0.01 to 16")?;
         }
         for (field, value) in
             [("selector.part_clearance_m", self.part_clearance_m), ("selector.wall_clearance_m", self.wall_clearance_m)]

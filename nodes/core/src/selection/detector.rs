@@ -1,19 +1,46 @@
-//! Finds discs in single frames.
+//! Finds the parts that a single frame shows.
+
+use std::f64::consts::TAU;
 
 use image::GrayImage;
-use nalgebra::Isometry2;
+use nalgebra::{Isometry2, Point2, Rotation2, Vector2};
 
 use super::ImageFault;
-use super::circles::{self, Disc, Votes};
-use super::segment::{Background, Segmentation};
+use super::align::{Fit, NO_PART, Owners, coarse, refine};
+use super::search::{Search, Seed};
+use super::segment::{Plateau, Segmentation};
+use super::sought::{Sought, slant_index};
+use super::template::PartModel;
 use super::view::{RayTable, View};
 use crate::camera::{CameraModel, MountedTray};
 
-/// Where between foot (0) and upper face (1) the measured rim of a part lies: the lower edge shows on the side towards the
-/// camera, the upper edge on the far side.
-const RIM_HEIGHT_RATIO: f64 = 0.5;
 /// Smallest thing that counts as an obstacle, px.
 const BLOB_PX_MIN: usize = 9;
+/// Mean square miss up to which a guess is worth fitting.
+const COARSE_COST_MAX: f32 = 7.0;
+/// A second yaw is tried where it misses by at most this much more than the best.
+const SECOND_YAW_COST: f32 = 1.5;
+/// So many turns all are tried.
+const FEW_TURNS: usize = 8;
+/// Share of a part's area that others may cover before it is taken for one of them.
+const OVERLAP_MAX: f64 = 0.2;
+/// Share of a part's area that another explanation of the same thing covers.
+const SAME_THING_MIN: f64 = 0.5;
+/// Places nearer than this, relative to the part's radius, are one.
+const SAME_PLACE_RATIO: f64 = 0.4;
+/// Yaws further apart than so many steps of the coarse search lead to different fits.
+const OTHER_YAW_TURNS: f64 = 1.2;
+/// A pose whose evidence is this much weaker per texel in the coarse search is not fitted.
+const COARSE_LEAD: f32 = 1.2;
+
+/// Something that looks like the part.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Found {
+    pub pose: usize,
+    pub fit: Fit,
+    /// By how much, per texel, the evidence is stronger than that for another pose in the same place.
+    pub lead: f32,
+}
 
 /// Finds parts in single frames.
 #[derive(Clone, Debug)]
@@ -21,66 +48,265 @@ pub(super) struct Detector {
     pub(super) camera: CameraModel,
     pub(super) tray: MountedTray,
     rays: RayTable,
+    plateau: Plateau,
     pub(super) segmentation: Segmentation,
-    votes: Votes,
+    pub(super) sought: Vec<Sought>,
+    search: Search,
+    /// For each pixel of the window the part it shows, counted from 1.
+    owners: Vec<u16>,
 }
 
 impl Detector {
-    pub(super) fn new(camera: &CameraModel, tray: &MountedTray) -> Self {
+    pub(super) fn new(camera: &CameraModel, tray: &MountedTray, model: &PartModel) -> Self {
+        let sought: Vec<Sought> = model.poses.iter().map(|pose| Sought::new(pose, camera, tray)).collect();
         Self {
             camera: camera.clone(),
             tray: *tray,
             rays: RayTable::new(camera),
+            plateau: model.plateau(),
             segmentation: Segmentation::default(),
-            votes: Votes::default(),
+            search: Search::new(&sought),
+            sought,
+            owners: Vec::new(),
         }
     }
 
-    /// Finds discs of about this size and measures their rims.
-    pub(super) fn discs(
+    pub(super) fn view(&self, platen_from_tray: &Isometry2<f64>) -> View<'_> {
+        View { camera: &self.camera, tray: &self.tray, platen_from_tray: *platen_from_tray }
+    }
+
+    /// Finds parts that miss their template by at most `cost_max`, the likeliest first.
+    pub(super) fn find(
         &mut self,
         image: &GrayImage,
         platen_from_tray: &Isometry2<f64>,
-        size: PartSize,
         contrast_min_levels: f64,
-    ) -> Result<(Vec<Disc>, Background), ImageFault> {
+        cost_max: f32,
+    ) -> Result<Vec<Found>, ImageFault> {
         let expected = (self.camera.width_px(), self.camera.height_px());
         if image.dimensions() != expected {
             return Err(ImageFault::WrongSize { found: image.dimensions(), expected });
         }
-        let view = View { camera: &self.camera, tray: &self.tray, platen_from_tray: *platen_from_tray };
-        let background = self.segmentation.look(&view, &self.rays, image, contrast_min_levels, BLOB_PX_MIN)?;
-        let height_m = size.rim_height_m(&self.tray);
-        let radius_m = size.diameter_m / 2.0;
-        let radius_px = crate::camera::single(radius_m / self.camera.m_per_px(height_m));
-        let discs = self
-            .votes
-            .centres(&self.segmentation, radius_px)
+        let (camera, tray) = (self.camera.clone(), self.tray);
+        let view = View { camera: &camera, tray: &tray, platen_from_tray: *platen_from_tray };
+        self.segmentation.look(&view, &self.rays, image, &self.plateau, contrast_min_levels, BLOB_PX_MIN)?;
+        self.owners.clear();
+        self.owners.extend(self.segmentation.bins.iter().map(|bin| if *bin == 0 { NO_PART } else { 0 }));
+        let mut guesses = Vec::new();
+        for seed in self.search.seeds(&self.segmentation, &self.sought) {
+            self.guess(&view, seed, &mut guesses);
+        }
+        let guesses = self.distinct(guesses);
+        let nobody = Owners { of: &self.owners, own: 0 };
+        let frame = &self.segmentation;
+        let mut fits: Vec<Found> = guesses
             .into_iter()
-            .filter_map(|pixel| {
-                let centre = view.tray_point(pixel.map(f64::from), height_m)?;
-                circles::measure(&self.segmentation, &view, height_m, centre, radius_m)
+            .filter_map(|guess| {
+                let fit = refine(frame, &view, &self.sought[guess.pose], guess.fit, &nobody)?;
+                (fit.cost <= cost_max).then_some(Found { fit, ..guess })
             })
             .collect();
-        Ok((discs, background))
+        fits.sort_by(|a, b| b.fit.evidence.total_cmp(&a.fit.evidence));
+        let mut owners = std::mem::take(&mut self.owners);
+        let mut found = self.explain(&view, fits, &mut owners);
+        self.owners = owners;
+        self.fit_among_neighbours(&view, &mut found);
+        Ok(found)
+    }
+
+    /// First guesses of the yaw at a seed.
+    fn guess(&self, view: &View, seed: Seed, guesses: &mut Vec<Found>) {
+        let sought = &self.sought[seed.pose];
+        let window = self.segmentation.window;
+        // The seed is a pixel or so beside the centre: the place where the best turn misses least is taken.
+        let seeded = Point2::new((window.left + seed.column) as f64, (window.top + seed.row) as f64);
+        let Some(slant) = view.tray_point(seeded, sought.plane_m).map(|place| view.slant(place, sought.plane_m)) else {
+            return;
+        };
+        let Some(turns) = sought.turns.get(slant_index(slant)) else {
+            return;
+        };
+        let mut looks = vec![(f32::INFINITY, f32::NEG_INFINITY); turns.len()];
+        let (mut best, mut best_place) = (0, (seed.column, seed.row));
+        for (column, row) in around_seed(seed) {
+            for (index, turn) in turns.iter().enumerate() {
+                let look = coarse(&self.segmentation, turn, column, row);
+                if look.0 < looks[index].0 {
+                    looks[index] = look;
+                    if look.0 <= looks[best].0 {
+                        (best, best_place) = (index, (column, row));
+                    }
+                }
+            }
+        }
+        let pixel = Point2::new((window.left + best_place.0) as f64, (window.top + best_place.1) as f64);
+        let Some(centre) = view.tray_point(pixel, sought.plane_m) else {
+            return;
+        };
+        let cost_after = |index: usize, step: usize| looks[(index + step) % looks.len()].0;
+        for (index, (cost, evidence)) in looks.iter().copied().enumerate() {
+            let valley = cost <= cost_after(index, 1) && cost <= cost_after(index, looks.len() - 1);
+            // Where turns are few, the part is nearly round and they look much alike.
+            let promising = valley || looks.len() <= FEW_TURNS;
+            let tried = index == best || (promising && cost <= looks[best].0 + SECOND_YAW_COST);
+            if tried && cost <= COARSE_COST_MAX {
+                let yaw_rad = turns[index].yaw_rad - view.platen_from_tray.rotation.angle();
+                guesses.push(Found {
+                    pose: seed.pose,
+                    fit: Fit { centre, yaw_rad, cost, evidence },
+                    lead: f32::INFINITY,
+                });
+            }
+        }
+    }
+
+    /// Leaves out guesses that another one near does better: with the same pose and yaw it leads to the same fit, and with
+    /// another pose it is only an explanation to be led.
+    fn distinct(&self, mut guesses: Vec<Found>) -> Vec<Found> {
+        guesses.sort_by(|a, b| b.fit.evidence.total_cmp(&a.fit.evidence));
+        let mut kept: Vec<Found> = Vec::with_capacity(guesses.len());
+        for guess in guesses {
+            let sought = &self.sought[guess.pose];
+            let near_m = (SAME_PLACE_RATIO * sought.radius_m).max(1.5 * sought.m_per_px);
+            let mut worth_fitting = true;
+            for other in kept.iter_mut().filter(|other| (other.fit.centre - guess.fit.centre).norm() <= near_m) {
+                let lead = self.lead(other, &guess);
+                if other.pose == guess.pose {
+                    worth_fitting &= self.yaws_differ(other, &guess);
+                } else if lead > COARSE_LEAD {
+                    other.lead = other.lead.min(lead);
+                    worth_fitting = false;
+                }
+            }
+            if worth_fitting {
+                kept.push(guess);
+            }
+        }
+        kept
+    }
+
+    /// By how much, per texel, the evidence for a part is stronger than that for another explanation.
+    fn lead(&self, part: &Found, other: &Found) -> f32 {
+        let sought = &self.sought[part.pose];
+        (part.fit.evidence - other.fit.evidence) / (sought.texels.len() as f32 * sought.texel_weight)
+    }
+
+    /// Takes the fits in order of their evidence for the parts they show, and what they cover as shown.
+    fn explain(&self, view: &View, fits: Vec<Found>, owners: &mut [u16]) -> Vec<Found> {
+        let mut found: Vec<Found> = Vec::new();
+        let mut pixels = Vec::new();
+        for fit in fits {
+            pixels.clear();
+            covered(&self.segmentation, view, &self.sought[fit.pose], &fit.fit, |index| pixels.push(index));
+            let count = pixels.len() as f64;
+            let mut taken: Vec<u16> =
+                pixels.iter().map(|index| owners[*index]).filter(|owner| *owner != 0 && *owner != NO_PART).collect();
+            if taken.len() as f64 > OVERLAP_MAX * count {
+                taken.sort_unstable();
+                for run in taken.chunk_by(|a, b| a == b) {
+                    let owner = &mut found[usize::from(run[0]) - 1];
+                    if run.len() as f64 >= SAME_THING_MIN * count && owner.pose != fit.pose {
+                        let lead = self.lead(owner, &fit);
+                        owner.lead = owner.lead.min(lead);
+                    }
+                }
+                continue;
+            }
+            let Some(own) = u16::try_from(found.len() + 1).ok().filter(|own| *own != NO_PART) else {
+                break;
+            };
+            for index in &pixels {
+                if owners[*index] == 0 {
+                    owners[*index] = own;
+                }
+            }
+            found.push(fit);
+        }
+        found
+    }
+
+    /// Whether two fits of a pose tell different yaws.
+    fn yaws_differ(&self, a: &Found, b: &Found) -> bool {
+        let sought = &self.sought[a.pose];
+        let symmetry = sought.template.yaw_symmetry;
+        let apart_rad = yaw_difference_rad(a.fit.yaw_rad, b.fit.yaw_rad, symmetry).abs();
+        symmetry != 0 && apart_rad > OTHER_YAW_TURNS * std::f64::consts::TAU / f64::from(symmetry) / sought.yaw_count()
+    }
+
+    /// Fits parts that have neighbours again, without what belongs to those.
+    fn fit_among_neighbours(&self, view: &View, found: &mut [Found]) {
+        let places: Vec<(Point2<f64>, f64)> =
+            found.iter().map(|part| (part.fit.centre, self.sought[part.pose].radius_m)).collect();
+        for (index, part) in found.iter_mut().enumerate() {
+            let sought = &self.sought[part.pose];
+            let (centre, radius_m) = places[index];
+            let close = |(other, (place, reach_m)): (usize, &(Point2<f64>, f64))| {
+                other != index && (place - centre).norm() < radius_m + reach_m + 3.0 * sought.m_per_px
+            };
+            if !places.iter().enumerate().any(close) {
+                continue;
+            }
+            let own = u16::try_from(index + 1).unwrap_or(u16::MAX);
+            let owners = Owners { of: &self.owners, own };
+            if let Some(fit) = refine(&self.segmentation, view, sought, part.fit, &owners) {
+                part.fit = fit;
+            }
+        }
+    }
+
+    /// Where the tray frame shows something that no part found explains, further than `strip_px` from the plateau's edges.
+    pub(super) fn unexplained(&self, view: &View, strip_px: f64) -> Vec<Point2<f64>> {
+        self.segmentation.foreground_points(view, self.tray.plateau_height_m(), strip_px, &self.owners)
+    }
+
+    /// The outline of a part found, tray frame, counter-clockwise.
+    pub(super) fn outline(&self, pose: usize, centre: Point2<f64>, yaw_rad: f64) -> Vec<Point2<f64>> {
+        let turn = Rotation2::new(yaw_rad);
+        let outline = self.sought.get(pose).map_or(&[][..], |sought| &sought.outline_m);
+        outline.iter().map(|corner| centre + turn * corner.coords).collect()
     }
 }
 
-/// Size of the part looked for.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct PartSize {
-    pub(super) diameter_m: f64,
-    pub(super) height_m: f64,
+/// The pixels round a seed that are tried.
+fn around_seed(seed: Seed) -> impl Iterator<Item = (usize, usize)> {
+    let near = [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)];
+    near.into_iter().filter_map(move |(x, y)| seed.column.checked_add_signed(x).zip(seed.row.checked_add_signed(y)))
 }
 
-impl PartSize {
-    /// The plane above the platen in which rims are measured, m.
-    pub(super) fn rim_height_m(self, tray: &MountedTray) -> f64 {
-        tray.plateau_height_m() + RIM_HEIGHT_RATIO * self.height_m
-    }
+/// Smallest difference of two yaws of a part of this symmetry, rad.
+pub(super) fn yaw_difference_rad(a_rad: f64, b_rad: f64, symmetry: u32) -> f64 {
+    let period = TAU / f64::from(symmetry.max(1));
+    let difference = (a_rad - b_rad) / period;
+    (difference - difference.round()) * period
+}
 
-    /// The plane above the platen of upper faces, m.
-    pub(super) fn face_height_m(self, tray: &MountedTray) -> f64 {
-        tray.plateau_height_m() + self.height_m
+/// Calls `each` with the pixels of the window that a part covers.
+fn covered(frame: &Segmentation, view: &View, sought: &Sought, fit: &Fit, mut each: impl FnMut(usize)) {
+    let window = frame.window;
+    let (Some(pixel), Some(px_from_tray)) =
+        (view.pixel(fit.centre, sought.plane_m), view.px_from_tray(fit.centre, sought.plane_m))
+    else {
+        return;
+    };
+    let Some(tray_from_px) = px_from_tray.try_inverse() else {
+        return;
+    };
+    let part_from_px = Rotation2::new(-fit.yaw_rad).matrix() * tray_from_px;
+    let middle = pixel - Vector2::new(window.left as f64, window.top as f64);
+    let reach_px = sought.radius_m / sought.m_per_px + 1.0;
+    for row in clip(middle.y - reach_px, middle.y + reach_px, window.height) {
+        for column in clip(middle.x - reach_px, middle.x + reach_px, window.width) {
+            let place = part_from_px * (Vector2::new(column as f64, row as f64) - middle.coords);
+            if sought.texel(place).is_some_and(|texel| sought.outside_m[texel] <= 0.0) {
+                each(row * window.width + column);
+            }
+        }
     }
+}
+
+/// The whole numbers from `low` to `high` within 0..`size`.
+fn clip(low: f64, high: f64, size: usize) -> std::ops::Range<usize> {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
+    let (low, high) = (low.ceil() as usize, (high.floor() + 1.0) as usize);
+    low.min(size)..high.min(size).max(low.min(size))
 }

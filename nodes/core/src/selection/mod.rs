@@ -1,47 +1,40 @@
 //! Vision selector: from pictures to parts that may be picked.
 //!
 //! It works from the image, the camera's calibration, the tray's pose at the image's stamp, the tray's geometry and a
-//! taught model of the part, and from nothing else. A frame passes four steps: `segment` parts the plateau from what lies
-//! on it, `circles` finds discs and measures their rims, [`PartModel`] tells which way up each lies, and `track` follows
-//! them from frame to frame.
+//! model of the part learned from images ([`teach`]), and from nothing else. A frame passes five steps: `segment` parts the
+//! plateau from what lies on it; `search` finds places where rings of brightness are those of a taught pose, whatever the
+//! yaw; `align` tries yaws there and fits place and yaw to a fraction of a pixel; `detector` takes the best fits for parts
+//! until nothing is left to explain, so that touching parts come apart; `candidate` tells pose, confidence and room. `track`
+//! follows parts from frame to frame.
 
+mod align;
 mod blobs;
-mod circles;
+mod candidate;
 mod config;
 mod detector;
+mod hull;
 mod overlay;
-mod part_model;
+mod search;
 mod segment;
+mod sought;
 mod teach;
+mod template;
 mod track;
 mod view;
 
 use image::GrayImage;
 use nalgebra::{Isometry2, Point2};
 
-use crate::camera::{CameraModel, InvalidValue, MountedTray, require};
-use circles::Disc;
+use crate::camera::{CameraModel, InvalidValue, MountedTray, require, single};
 use detector::Detector;
-use segment::Segmentation;
 use track::Tracker;
-use view::View;
 
+pub use candidate::Candidate;
 pub use config::SelectorConfig;
 pub use overlay::draw_overlay;
-pub use part_model::{PartModel, PoseTemplate};
-pub use teach::{TeachError, TeachFrame, TeachSpec, teach};
+pub use teach::{LaidPart, PoseSpec, TeachError, TeachFrame, TeachSpec, teach};
+pub use template::{PartModel, Plane, PoseTemplate};
 pub use track::{TrackedCandidate, TrackerConfig};
-
-/// Mean square change of brightness from ring to ring at which a face tells its centre about half as well as a rim.
-const FACE_SHARPNESS: f64 = 1e-3;
-/// Reach of a part's own side and shadow beyond its rim, in radii and in its height: what is seen there is no obstacle of
-/// its own.
-const HALO_RADII: f64 = 0.2;
-const HALO_HEIGHTS: f64 = 0.3;
-/// Strip along the plateau's edges, px, where the walls' shade may pass for an obstacle and is not taken for one.
-const EDGE_STRIP_PX: f64 = 4.0;
-/// How far into a wall a part that touches it may be measured, px.
-const WALL_MISS_PX: f64 = 1.5;
 
 /// Why a frame yields no candidates.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -68,46 +61,10 @@ pub enum ImageFault {
     NoBackground,
 }
 
-/// A part as one frame shows it, in the tray frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Candidate {
-    /// Centre, x, m.
-    pub x_m: f64,
-    /// Centre, y, m.
-    pub y_m: f64,
-    /// Diameter measured, m.
-    pub diameter_m: f64,
-    /// Resting pose; `None` if no taught face is recognised.
-    pub pose: Option<usize>,
-    /// How sure the pose is, 0 to 1.
-    pub confidence: f64,
-    /// Free gap to the nearest other thing seen on the plateau, m.
-    pub part_gap_m: f64,
-    /// Free gap to the nearer wall, m; about 0 for a part that touches.
-    pub wall_gap_m: f64,
-    /// Whether its whole outline lies within the plateau sector.
-    pub on_plateau: bool,
-}
-
-impl Candidate {
-    /// Free gap to the nearest other thing or wall, m.
-    #[must_use]
-    pub fn isolation_m(&self) -> f64 {
-        self.part_gap_m.min(self.wall_gap_m)
-    }
-
-    /// Centre in the tray frame, m.
-    #[must_use]
-    pub fn centre(&self) -> Point2<f64> {
-        Point2::new(self.x_m, self.y_m)
-    }
-}
-
 /// Selects parts from a stream of frames.
 #[derive(Clone, Debug)]
 pub struct Selector {
     config: SelectorConfig,
-    model: PartModel,
     detector: Detector,
     tracker: Tracker,
 }
@@ -123,8 +80,25 @@ impl Selector {
         config: SelectorConfig,
         camera: &CameraModel,
         tray: &MountedTray,
-        model: PartModel,
+        model: &PartModel,
     ) -> Result<Self, InvalidValue> {
+        Self::check(&config, camera, tray, model)?;
+        let symmetries = model.poses.iter().map(|pose| pose.yaw_symmetry).collect();
+        let tracker = Tracker::new(config.tracker, symmetries);
+        Ok(Self { config, detector: Detector::new(camera, tray, model), tracker })
+    }
+
+    /// Checks what a selector is made of.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::new`].
+    pub fn check(
+        config: &SelectorConfig,
+        camera: &CameraModel,
+        tray: &MountedTray,
+        model: &PartModel,
+    ) -> Result<(), InvalidValue> {
         config.validate()?;
         tray.validate()?;
         model.validate()?;
@@ -133,8 +107,7 @@ impl Selector {
             let taught = *pose < model.poses.len();
             require(taught, "selector.wanted_poses", *pose as f64, "poses the part model was taught")?;
         }
-        let tracker = Tracker::new(config.tracker, model.poses.len());
-        Ok(Self { config, model, detector: Detector::new(camera, tray), tracker })
+        Ok(())
     }
 
     /// Looks at a frame taken at `stamp_s` with the tray at `platen_from_tray`; returns the parts it shows, tracked, in
@@ -159,7 +132,7 @@ impl Selector {
         Ok(tracked)
     }
 
-    /// The parts a single frame shows, in the order of their places in the image.
+    /// The parts a single frame shows, the surest match first.
     ///
     /// # Errors
     ///
@@ -169,89 +142,42 @@ impl Selector {
         image: &GrayImage,
         platen_from_tray: &Isometry2<f64>,
     ) -> Result<Vec<Candidate>, ImageFault> {
-        let size = self.model.size();
-        let (discs, background) =
-            self.detector.discs(image, platen_from_tray, size, self.config.contrast_min_levels)?;
-        let Detector { camera, tray, segmentation, .. } = &mut self.detector;
-        let view = View { camera, tray, platen_from_tray: *platen_from_tray };
-        let (height_m, face_height_m) = (size.rim_height_m(tray), size.face_height_m(tray));
-        let radius_m = self.model.diameter_m / 2.0;
-        let mut candidates = Vec::new();
-        for disc in discs {
-            let diameter_m = 2.0 * disc.radius_m;
-            let sized = (diameter_m - self.model.seen_diameter_m).abs() <= self.model.diameter_tolerance_m;
-            if !sized || disc.support < self.config.rim_support_min {
-                continue;
-            }
-            let Some(face) =
-                part_model::sample_face(segmentation, &background, &view, face_height_m, disc.centre, radius_m)
-            else {
-                continue;
-            };
-            let (pose, confidence) = recognise(&self.model, &self.config, &face);
-            let centre = disc.centre + (face.centre - disc.centre) * trust_in_face(&face, &disc);
-            let centre_m = centre.coords.norm();
-            let geometry = &tray.geometry;
-            let wall_gap_m = (geometry.outer_radius_m - centre_m).min(centre_m - geometry.inner_radius_m) - radius_m;
-            // A part cannot lie in a wall.
-            if wall_gap_m < -WALL_MISS_PX * camera.m_per_px(height_m) {
-                continue;
-            }
-            candidates.push(Candidate {
-                x_m: centre.x,
-                y_m: centre.y,
-                diameter_m,
-                pose,
-                confidence: confidence * disc.support,
-                part_gap_m: f64::INFINITY,
-                wall_gap_m,
-                on_plateau: tray.inside_sector_m(centre) >= radius_m,
-            });
-        }
-        let reach_m = radius_m + HALO_RADII * radius_m + HALO_HEIGHTS * size.height_m;
-        measure_gaps(segmentation, &view, (height_m, radius_m, reach_m), &mut candidates);
-        Ok(candidates)
+        let SelectorConfig { contrast_min_levels, miss_max, .. } = self.config;
+        let found = self.detector.find(image, platen_from_tray, contrast_min_levels, single(miss_max))?;
+        let view = self.detector.view(platen_from_tray);
+        Ok(candidate::judge(&self.detector, &view, &self.config, &found))
     }
 
-    fn is_selectable(&self, part: &TrackedCandidate) -> bool {
-        let candidate = &part.candidate;
+    /// Convex outline of a part as the selector sees it, tray frame, m.
+    #[must_use]
+    pub fn outline(&self, candidate: &Candidate) -> Vec<Point2<f64>> {
+        self.detector.outline(candidate.likeness, candidate.centre(), candidate.yaw_rad.unwrap_or(0.0))
+    }
+
+    /// Length along the part's own x and y of what the selector sees it reach, and its height, m.
+    #[must_use]
+    pub fn size_m(&self, candidate: &Candidate) -> [f64; 3] {
+        let Some(sought) = self.detector.sought.get(candidate.likeness) else {
+            return [0.0; 3];
+        };
+        let reach = |axis: usize| sought.outline_m.iter().map(|corner| corner[axis].abs()).fold(0.0, f64::max);
+        [2.0 * reach(0), 2.0 * reach(1), sought.template.height_m]
+    }
+
+    /// Whether a single frame shows this candidate sure and free enough to be picked.
+    #[must_use]
+    pub fn admits(&self, candidate: &Candidate) -> bool {
         candidate.on_plateau
-            && part.confidence >= self.config.confidence_min
-            && part.pose.is_some_and(|pose| self.config.wanted_poses.contains(&pose))
-            && candidate.pose == part.pose
+            && candidate.confidence >= self.config.confidence_min
+            && candidate.pose.is_some_and(|pose| self.config.wanted_poses.contains(&pose))
             && candidate.part_gap_m >= self.config.part_clearance_m
             && candidate.wall_gap_m >= self.config.wall_clearance_m
     }
-}
 
-/// How far to follow the face's centre rather than the rim's, 0 to 1. The rim errs towards shadows and where neighbours
-/// hide it, the face, if it has structure, towards the lamp; both err less together.
-fn trust_in_face(face: &part_model::Face, disc: &Disc) -> f64 {
-    let of_face = face.sharpness / (face.sharpness + FACE_SHARPNESS);
-    let of_rim = (2.0 * disc.support - 1.0).max(0.1);
-    of_face / (of_face + of_rim)
-}
-
-/// The pose whose taught face this is, and how sure that is.
-fn recognise(model: &PartModel, config: &SelectorConfig, face: &part_model::Face) -> (Option<usize>, f64) {
-    let (mut best, mut best_correlation, mut second_correlation) = (None, -1.0, -1.0);
-    for (pose, template) in model.poses.iter().enumerate() {
-        let correlation = template.correlation(&face.rings);
-        if correlation > best_correlation {
-            (best, second_correlation, best_correlation) = (Some(pose), best_correlation, correlation);
-        } else if correlation > second_correlation {
-            second_correlation = correlation;
-        }
+    fn is_selectable(&self, part: &TrackedCandidate) -> bool {
+        let over_frames = Candidate { pose: part.pose, confidence: part.confidence, ..part.candidate };
+        part.candidate.pose == part.pose && self.admits(&over_frames)
     }
-    let lead = best_correlation - second_correlation;
-    let (least, lead_least) = (config.correlation_min, config.correlation_lead_min);
-    if best_correlation < least || lead < lead_least {
-        return (None, 0.0);
-    }
-    // Certainty grows from ½ at the least accepted to 1: with the match, and with the lead over the next face.
-    let share = |value: f64, low: f64, high: f64| 0.5 + 0.5 * ((value - low) / (high - low)).clamp(0.0, 1.0);
-    let match_share = share(best_correlation, least, (least + 1.0) / 2.0);
-    (best, match_share.min(share(lead, lead_least, 2.0 * lead_least)))
 }
 
 /// A camera must hang at least twice as high as the tray's walls stand.
@@ -259,29 +185,6 @@ fn require_above(camera: &CameraModel, tray: &MountedTray) -> Result<(), Invalid
     let height_m = camera.pose().height_m;
     let above = height_m >= 2.0 * tray.wall_top_m();
     require(above, "camera.pose.height_m", height_m, "at least twice the height of the tray's walls")
-}
-
-/// Free gaps between candidates, all discs of `radius_m` whose shadows end at `reach_m`, and to whatever else stands out
-/// from the plateau.
-fn measure_gaps(
-    frame: &mut Segmentation,
-    view: &View,
-    (height_m, radius_m, reach_m): (f64, f64, f64),
-    candidates: &mut [Candidate],
-) {
-    // What the candidates and their shadows do not explain are obstacles.
-    for candidate in &*candidates {
-        frame.clear_disc(view, height_m, candidate.centre(), reach_m);
-    }
-    let obstacles = frame.foreground_points(view, height_m, EDGE_STRIP_PX);
-    let centres: Vec<Point2<f64>> = candidates.iter().map(Candidate::centre).collect();
-    for (index, candidate) in candidates.iter_mut().enumerate() {
-        let centre = centres[index];
-        let others = centres.iter().enumerate().filter(|(other, _)| *other != index);
-        let to_parts = others.map(|(_, other)| (other - centre).norm() - 2.0 * radius_m);
-        let to_obstacles = obstacles.iter().map(|obstacle| (obstacle - centre).norm() - radius_m);
-        candidate.part_gap_m = to_parts.chain(to_obstacles).fold(f64::INFINITY, f64::min);
-    }
 }
 
 #[cfg(test)]

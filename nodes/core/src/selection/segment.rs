@@ -1,7 +1,7 @@
 //! What on the plateau is not plateau: background, foreground, blobs.
 
 use image::GrayImage;
-use nalgebra::{Point2, SMatrix, SVector, Vector2};
+use nalgebra::{Point2, SMatrix, SVector};
 
 use super::ImageFault;
 use super::blobs::Blobs;
@@ -16,27 +16,45 @@ const FIT_STRIDE: usize = 4;
 const FIT_LIMITS: [f32; 5] = [28.0, 20.0, 14.0, 10.0, 8.0];
 /// Fewer pixels than this are no plateau.
 const PLATEAU_PX_MIN: usize = 400;
-/// Share of the plateau that must look like background, and of its pixels that may be quite black or quite white.
+/// Share of the plateau that must look like background where the light was not taught, and of its pixels that may be
+/// quite black or quite white.
 const BACKGROUND_RATIO_MIN: f64 = 0.15;
 const CLIPPED_RATIO_MAX: f64 = 0.5;
 /// Foreground differs from background by more than this many standard deviations of the background.
 const SIGMAS: f32 = 5.0;
-/// Gradient of an edge, in grey levels per pixel of the smoothed image: at least, and in standard deviations of the
-/// background.
-const EDGE_LEVELS_MIN: f32 = 5.0;
-const EDGE_SIGMAS: f32 = 2.2;
 /// Bins across the plateau's width for what the walls do to the light.
-const RADIAL_BINS: usize = 200;
+pub(super) const RADIAL_BINS: usize = 200;
 
-/// Brightness of the bare plateau: a quadratic over the window plus a correction by distance from the walls.
+/// Brightness is kept relative to the bare plateau's, as the difference in these units.
+pub(super) const RELATIVE_UNITS: f32 = 2048.0;
+/// Inertia of the fit, in shares of the plateau: where little of the plateau is free, and that in the shade of parts, the
+/// taught light counts.
+const FIT_INERTIA: f32 = 0.5;
+
+/// The light when a part was taught.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TaughtLight {
+    /// Coefficients of 1, u, v, u², uv, v² of the plateau's grey level, with u and v from −1 to 1 across the picture.
+    pub light: [f32; 6],
+    /// Grey level of the hub's top.
+    pub hub_level: f32,
+}
+
+/// What is known of the bare plateau before a frame is looked at.
 #[derive(Clone, Debug)]
-pub(super) struct Background {
-    /// Coefficients of 1, u, v, u², uv, v² in grey levels; u, v from −1 to 1 across the window.
-    quadratic: [f32; 6],
-    /// Correction by radial bin, grey levels.
-    radial: Vec<f32>,
-    /// Standard deviation of the smoothed plateau about this, grey levels.
-    pub sigma: f32,
+pub(super) struct Plateau {
+    /// The light, if taught.
+    pub taught: Option<TaughtLight>,
+    /// Brightness relative to the middle's for each radial bin: constant, and per cosine and sine of the direction from
+    /// the tray's centre, platen frame. The first entry is not used.
+    pub shade: Vec<[f32; 3]>,
+}
+
+impl Plateau {
+    /// A plateau that nothing is known of.
+    pub(super) fn unknown() -> Self {
+        Self { taught: None, shade: vec![[1.0, 0.0, 0.0]; RADIAL_BINS + 1] }
+    }
 }
 
 /// A frame taken apart.
@@ -44,66 +62,91 @@ pub(super) struct Background {
 pub(super) struct Segmentation {
     pub window: Window,
     /// Smoothed image, in sixteenths of a grey level.
-    pub smooth: Vec<i16>,
+    smooth: Vec<i16>,
     /// Radial bin of each pixel, 0 off the plateau.
     pub bins: Vec<u8>,
-    /// Gradient from which an edge is more than noise, grey levels per pixel.
-    pub edge_levels: f32,
+    /// What the walls make of the light at each pixel.
+    shade: Vec<f32>,
+    /// Brightness above the bare plateau's, relative to it, in units of [`RELATIVE_UNITS`]; 0 off the plateau.
+    pub relative: Vec<i16>,
+    /// Standard deviation of that on the bare plateau, 1.
+    pub sigma: f32,
+    /// The light as in [`TaughtLight::light`].
+    pub light: [f32; 6],
     /// 1 where something lies on the plateau.
     pub foreground: Vec<u8>,
     blobs: Blobs,
 }
 
 impl Segmentation {
-    /// Looks at a frame. Returns the background found.
+    /// Looks at a frame.
     pub(super) fn look(
         &mut self,
         view: &View,
         rays: &RayTable,
         image: &GrayImage,
+        plateau: &Plateau,
         contrast_min_levels: f64,
         blob_px_min: usize,
-    ) -> Result<Background, ImageFault> {
+    ) -> Result<(), ImageFault> {
         self.window = view.plateau_window().ok_or(ImageFault::PlateauOutOfView)?;
         let geometry = &view.tray.geometry;
         let bin_m = (geometry.outer_radius_m - geometry.inner_radius_m) / RADIAL_BINS as f64;
         let window = self.window;
         self.bins.resize(window.len(), 0);
+        self.shade.resize(window.len(), 1.0);
         self.smooth.resize(window.len(), 0);
+        self.relative.resize(window.len(), 0);
         self.foreground.resize(window.len(), 0);
-        for (row, bins) in self.bins.chunks_mut(window.width).enumerate() {
-            rays.plateau_row(view, window, row, bin_m, bins);
+        let rows = self.bins.chunks_mut(window.width).zip(self.shade.chunks_mut(window.width));
+        for (row, (bins, shade)) in rows.enumerate() {
+            rays.plateau_row(view, window, row, bin_m, &plateau.shade, bins, shade);
         }
         smooth(image, window, &mut self.smooth);
-        let background = self.fit_background()?;
-        self.edge_levels = EDGE_LEVELS_MIN.max(EDGE_SIGMAS * background.sigma);
-        let threshold = single(contrast_min_levels).max(SIGMAS * background.sigma);
+        let across = Across { width: image.width() as usize, height: image.height() as usize, window };
+        // Parts hide the plateau, and shade what they leave of it, but not the hub.
+        let expected = plateau.taught.map(|taught| {
+            let change = hub_level(view, image).map_or(1.0, |level| level / taught.hub_level);
+            taught.light.map(|coefficient| coefficient * change)
+        });
+        let (light, sigma_levels) = self.fit_light(&across, expected)?;
+        self.light = light;
+        self.sigma = sigma_levels / light[0].max(1.0);
+        let threshold = single(contrast_min_levels).max(SIGMAS * sigma_levels);
         for row in 0..window.height {
             let range = row * window.width..(row + 1) * window.width;
-            let level = background.row(window, row);
-            let pixels = self.smooth[range.clone()].iter().zip(&self.bins[range.clone()]);
-            for ((foreground, (value, bin)), level) in self.foreground[range].iter_mut().zip(pixels).zip(level) {
-                let expected = level + background.radial[usize::from(*bin)];
-                let differs = (f32::from(*value) * (1.0 / LEVELS) - expected).abs() > threshold;
-                *foreground = u8::from(differs & (*bin > 0));
+            let outputs = self.relative[range.clone()].iter_mut().zip(&mut self.foreground[range.clone()]);
+            let inputs = self.smooth[range.clone()].iter().zip(&self.bins[range.clone()]).zip(&self.shade[range]);
+            let levels = across.light_row(&light, row);
+            for (((relative, foreground), ((value, bin), shade)), level) in outputs.zip(inputs).zip(levels) {
+                let expected = (level * shade).max(1.0);
+                let on_plateau = f32::from(u8::from(*bin > 0));
+                let difference = (f32::from(*value) * (1.0 / LEVELS) - expected) * on_plateau;
+                *foreground = u8::from(difference.abs() > threshold);
+                let ratio = (difference / expected * RELATIVE_UNITS).clamp(-32_000.0, 32_000.0);
+                #[expect(clippy::cast_possible_truncation, reason = "clamped to i16")]
+                let ratio = ratio as i16;
+                *relative = ratio;
             }
         }
         self.blobs.drop_specks(&mut self.foreground, window.width, blob_px_min);
-        Ok(background)
+        Ok(())
     }
 
-    fn fit_background(&self) -> Result<Background, ImageFault> {
+    /// The light, and the standard deviation about it in grey levels.
+    fn fit_light(&self, across: &Across, expected: Option<[f32; 6]>) -> Result<([f32; 6], f32), ImageFault> {
         let window = self.window;
         let mut samples = Vec::with_capacity(window.len() / (FIT_STRIDE * FIT_STRIDE));
         let mut histogram = [0_usize; 256];
         for row in (0..window.height).step_by(FIT_STRIDE) {
-            let v = unit(row, window.height);
+            let v = across.v(row);
             for column in (0..window.width).step_by(FIT_STRIDE) {
                 let index = row * window.width + column;
                 if self.bins[index] > 0 {
-                    let level = f32::from(self.smooth[index]) * (1.0 / LEVELS);
+                    let level = f32::from(self.smooth[index]) * (1.0 / LEVELS) / self.shade[index];
+                    let basis = basis(across.u(column), v);
                     histogram[usize::from(crate::camera::grey_level(level))] += 1;
-                    samples.push((basis(unit(column, window.width), v), level));
+                    samples.push((basis, level));
                 }
             }
         }
@@ -118,18 +161,20 @@ impl Segmentation {
         if share(histogram[252..].iter().sum()) > CLIPPED_RATIO_MAX {
             return Err(ImageFault::OverExposed);
         }
-        let mut quadratic = [0.0; 6];
-        quadratic[0] = mode(&histogram);
+        let (mut quadratic, limits, inertia) = match expected {
+            None => ([mode(&histogram), 0.0, 0.0, 0.0, 0.0, 0.0], &FIT_LIMITS[..], 1e-3),
+            Some(expected) => (expected, &FIT_LIMITS[FIT_LIMITS.len() - 2..], FIT_INERTIA),
+        };
         let mut inliers = 0;
-        for limit in FIT_LIMITS {
+        for limit in limits {
             let mut normal = SMatrix::<f32, 6, 6>::zeros();
             let mut target = SVector::<f32, 6>::zeros();
             inliers = 0;
             for (basis, level) in &samples {
                 let residual = level - evaluate(&quadratic, basis);
-                if residual.abs() < limit {
+                if residual.abs() < *limit {
                     // Tukey's weight: what lies near the limit counts little.
-                    let weight = 1.0 - (residual / limit).powi(2);
+                    let weight = 1.0 - (residual / limit) * (residual / limit);
                     for i in 0..6 {
                         target[i] += weight * basis[i] * residual;
                         for j in 0..=i {
@@ -139,87 +184,74 @@ impl Segmentation {
                     inliers += 1;
                 }
             }
-            // A touch of ridge keeps a fit to few pixels tame.
             for i in 0..6 {
-                normal[(i, i)] += 1e-3 * count as f32;
+                normal[(i, i)] += inertia * count as f32;
             }
             let change = normal.cholesky().ok_or(ImageFault::NoBackground)?.solve(&target);
             for (coefficient, change) in quadratic.iter_mut().zip(change.iter()) {
                 *coefficient += change;
             }
         }
-        if share(inliers) < BACKGROUND_RATIO_MIN {
+        if expected.is_none() && share(inliers) < BACKGROUND_RATIO_MIN {
             return Err(ImageFault::NoBackground);
         }
-        let mut background = Background { quadratic, radial: vec![0.0; 256], sigma: 0.0 };
-        self.fit_walls(&mut background);
-        Ok(background)
+        let mut deviations = [0_u32; 256];
+        let limit = FIT_LIMITS[FIT_LIMITS.len() - 1];
+        for (basis, level) in &samples {
+            let deviation = (level - evaluate(&quadratic, basis)).abs();
+            if deviation < limit {
+                // In sixteenths of a grey level.
+                deviations[usize::from(crate::camera::grey_level(deviation * LEVELS))] += 1;
+            }
+        }
+        // Median absolute deviation of a normal distribution.
+        let sigma_levels = 1.4826 * (median_bin(&deviations).unwrap_or(0) as f32 + 0.5) / LEVELS;
+        Ok((quadratic, sigma_levels))
     }
 
-    /// Median residual for each radial bin, and the scatter that remains.
-    fn fit_walls(&self, background: &mut Background) {
-        const SPAN: usize = 64;
+    /// What is learned of the bare plateau from a frame without parts: the level, and for each radial bin the sums of
+    /// 1, cos θ, sin θ and of their squares and products with the relative brightness are added to `sums`.
+    pub(super) fn learn_plateau(&self, view: &View, sums: &mut [PlateauSums]) {
         let window = self.window;
-        let mut histograms = vec![[0_u32; SPAN]; 256];
-        for row in (0..window.height).step_by(2) {
-            let levels = background.row(window, row);
-            let range = row * window.width..(row + 1) * window.width;
-            let pixels = self.smooth[range.clone()].iter().zip(&self.bins[range]);
-            for ((value, bin), level) in pixels.zip(levels) {
-                if *bin > 0 {
-                    let residual = f32::from(*value) * (1.0 / LEVELS) - level + SPAN as f32 / 2.0;
-                    if (0.0..SPAN as f32).contains(&residual) {
-                        histograms[usize::from(*bin)]
-                            [usize::from(crate::camera::grey_level(residual)).min(SPAN - 1)] += 1;
-                    }
-                }
+        let yaw = view.platen_from_tray.rotation;
+        for (index, bin) in self.bins.iter().enumerate() {
+            if *bin == 0 {
+                continue;
             }
-        }
-        let mut deviations = [0_u32; SPAN];
-        for (radial, histogram) in background.radial.iter_mut().zip(&histograms) {
-            let median = median_bin(histogram);
-            if let Some(median) = median {
-                *radial = median as f32 - SPAN as f32 / 2.0;
-                for (bin, count) in histogram.iter().enumerate() {
-                    deviations[bin.abs_diff(median)] += count;
-                }
-            }
-        }
-        // Median absolute deviation; half a level for the whole levels it is counted in.
-        let deviation = median_bin(&deviations).unwrap_or(0) as f32;
-        background.sigma = 1.4826 * (deviation + 0.5);
-    }
-
-    /// Takes a disc of the tray frame out of the foreground.
-    pub(super) fn clear_disc(&mut self, view: &View, height_m: f64, centre: Point2<f64>, radius_m: f64) {
-        let (Some(pixel), Some(px_from_tray)) = (view.pixel(centre, height_m), view.px_from_tray(centre, height_m))
-        else {
-            return;
-        };
-        let radius_px = radius_m * px_from_tray.determinant().abs().sqrt();
-        let Window { left, top, width, height } = self.window;
-        let middle = pixel - Vector2::new(left as f64, top as f64);
-        for row in clip(middle.y - radius_px, middle.y + radius_px, height) {
-            let half = (radius_px.powi(2) - (row as f64 - middle.y).powi(2)).max(0.0).sqrt();
-            let columns = clip(middle.x - half, middle.x + half, width);
-            self.foreground[row * width + columns.start..row * width + columns.end].fill(0);
+            let pixel =
+                Point2::new((window.left + index % window.width) as f64, (window.top + index / window.width) as f64);
+            let Some(point) = view.tray_point(pixel, view.tray.plateau_height_m()) else {
+                continue;
+            };
+            let outward = yaw * point.coords.normalize();
+            let basis = nalgebra::Vector3::new(1.0, outward.x, outward.y);
+            let ratio = 1.0 + f64::from(self.relative[index]) / f64::from(RELATIVE_UNITS);
+            let sums = &mut sums[usize::from(*bin)];
+            sums.normal += basis * basis.transpose();
+            sums.target += basis * ratio;
         }
     }
 
-    /// Where the tray frame shows foreground further than `strip_px` from the plateau's edges: both ends of every run of
-    /// pixels, and points between them.
-    pub(super) fn foreground_points(&self, view: &View, height_m: f64, strip_px: f64) -> Vec<Point2<f64>> {
+    /// Where the tray frame shows foreground that has no owner, further than `strip_px` from the plateau's edges: both ends
+    /// of every run of pixels, and points between them.
+    pub(super) fn foreground_points(
+        &self,
+        view: &View,
+        height_m: f64,
+        strip_px: f64,
+        owners: &[u16],
+    ) -> Vec<Point2<f64>> {
         const SPACING: usize = 4;
         let width = self.window.width;
         let strip_m = strip_px * view.camera.m_per_px(height_m);
         let geometry = &view.tray.geometry;
         let mut points = Vec::new();
-        for (row, pixels) in self.foreground.chunks(width).enumerate() {
+        let rows = self.foreground.chunks(width).zip(owners.chunks(width));
+        for (row, (pixels, owners)) in rows.enumerate() {
+            let open = |column: usize| pixels[column] != 0 && owners[column] == 0;
             let mut column = 0;
-            while let Some(skip) = pixels[column..].iter().position(|p| *p != 0) {
-                let start = column + skip;
-                let length = pixels[start..].iter().position(|p| *p == 0).unwrap_or(width - start);
-                column = start + length;
+            while let Some(start) = (column..width).find(|column| open(*column)) {
+                column = (start..width).find(|column| !open(*column)).unwrap_or(width);
                 for place in (start..column - 1).step_by(SPACING).chain([column - 1]) {
                     let place = Point2::new((self.window.left + place) as f64, (self.window.top + row) as f64);
                     let Some(point) = view.tray_point(place, height_m) else {
@@ -236,9 +268,9 @@ impl Segmentation {
         points
     }
 
-    /// Smoothed grey level at a place of the image, bilinear; `None` off the window.
-    pub(super) fn level(&self, x: f32, y: f32) -> Option<f32> {
-        let (x, y) = (x - self.window.left as f32, y - self.window.top as f32);
+    /// Relative brightness at a place of the window, bilinear, in its units, and the index of a pixel there; `None` off the
+    /// window.
+    pub(super) fn relative_at(&self, x: f32, y: f32) -> Option<(f32, usize)> {
         if !(x >= 0.0 && y >= 0.0) {
             return None;
         }
@@ -251,47 +283,50 @@ impl Segmentation {
         if column + 1 >= self.window.width || row + 1 >= self.window.height {
             return None;
         }
-        let (across, down) = (x - column as f32, y - row as f32);
         let index = row * self.window.width + column;
-        let at = |index: usize| f32::from(self.smooth[index]);
-        let upper = at(index) + across * (at(index + 1) - at(index));
-        let index = index + self.window.width;
-        let lower = at(index) + across * (at(index + 1) - at(index));
-        Some((upper + down * (lower - upper)) * (1.0 / LEVELS))
+        let below = index + self.window.width;
+        let (upper, lower) = (self.relative.get(index..index + 2)?, self.relative.get(below..below + 2)?);
+        let (across, down) = (x - column as f32, y - row as f32);
+        let along = |pair: &[i16]| f32::from(pair[0]) + across * (f32::from(pair[1]) - f32::from(pair[0]));
+        let (upper, lower) = (along(upper), along(lower));
+        Some((upper + down * (lower - upper), index))
     }
 }
 
-impl Background {
-    /// Background of a row of the window without the walls' effect.
-    fn row(&self, window: Window, row: usize) -> impl Iterator<Item = f32> + use<> {
-        let [c, cu, cv, cuu, cuv, cvv] = self.quadratic;
-        let v = unit(row, window.height);
+/// Sums over a radial bin of a plateau without parts.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct PlateauSums {
+    pub normal: nalgebra::Matrix3<f64>,
+    pub target: nalgebra::Vector3<f64>,
+}
+
+/// Where a window's pixels lie across the picture, from −1 to 1.
+struct Across {
+    width: usize,
+    height: usize,
+    window: Window,
+}
+
+impl Across {
+    fn u(&self, column: usize) -> f32 {
+        (self.window.left + column) as f32 * 2.0 / self.width as f32 - 1.0
+    }
+
+    fn v(&self, row: usize) -> f32 {
+        (self.window.top + row) as f32 * 2.0 / self.height as f32 - 1.0
+    }
+
+    /// The light along a row of the window.
+    fn light_row(&self, light: &[f32; 6], row: usize) -> impl Iterator<Item = f32> + use<> {
+        let [c, cu, cv, cuu, cuv, cvv] = *light;
+        let v = self.v(row);
         let (constant, linear) = (c + cv * v + cvv * v * v, cu + cuv * v);
-        let step = 2.0 / window.width as f32;
-        (0..window.width).map(move |column| {
-            let u = column as f32 * step - 1.0;
+        let (start, step) = (self.u(0), 2.0 / self.width as f32);
+        (0..self.window.width).map(move |column| {
+            let u = start + column as f32 * step;
             constant + u * (linear + u * cuu)
         })
     }
-
-    /// Background at a place of the image, without the walls' effect.
-    pub(super) fn level(&self, window: Window, x: f32, y: f32) -> f32 {
-        let u = (x - window.left as f32) * 2.0 / window.width as f32 - 1.0;
-        let v = (y - window.top as f32) * 2.0 / window.height as f32 - 1.0;
-        evaluate(&self.quadratic, &basis(u, v))
-    }
-}
-
-/// The whole numbers from `low` to `high` within 0..`size`.
-fn clip(low: f64, high: f64, size: usize) -> std::ops::Range<usize> {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
-    let (low, high) = (low.ceil() as usize, (high.floor() + 1.0) as usize);
-    low.min(size)..high.min(size).max(low.min(size))
-}
-
-/// Place in −1 to 1 across a window.
-fn unit(index: usize, size: usize) -> f32 {
-    index as f32 * 2.0 / size as f32 - 1.0
 }
 
 fn basis(u: f32, v: f32) -> [f32; 6] {
@@ -309,6 +344,28 @@ fn mode(histogram: &[usize; 256]) -> f32 {
     // The first of the highest, so that ties do not depend on the iterator.
     let best = (0..256).rev().max_by_key(|centre| mass(*centre)).unwrap_or(0);
     best as f32
+}
+
+/// Mean grey level of the hub's top; `None` if it is out of view.
+pub(super) fn hub_level(view: &View, image: &GrayImage) -> Option<f32> {
+    /// Rings and spokes of points looked at, clear of the bore and of the rim.
+    const RINGS: [f64; 4] = [0.45, 0.55, 0.65, 0.75];
+    const SPOKES: u32 = 32;
+    let (mut sum, mut count) = (0.0, 0.0_f32);
+    for ring in RINGS {
+        for spoke in 0..SPOKES {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(spoke) / f64::from(SPOKES)).sin_cos();
+            let point = Point2::new(cos, sin) * (ring * view.tray.geometry.inner_radius_m);
+            let pixel = view.pixel(point, view.tray.wall_top_m())?;
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
+            let (x, y) = (pixel.x.round() as u32, pixel.y.round() as u32);
+            if let Some(pixel) = image.get_pixel_checked(x, y).filter(|_| pixel.x >= 0.0 && pixel.y >= 0.0) {
+                sum += f32::from(pixel.0[0]);
+                count += 1.0;
+            }
+        }
+    }
+    (count >= 0.5 * RINGS.len() as f32 * SPOKES as f32).then(|| sum / count)
 }
 
 fn median_bin(histogram: &[u32]) -> Option<usize> {

@@ -1,45 +1,79 @@
 //! Learns from pictures what a part looks like.
 
+use std::f64::consts::TAU;
+
 use image::GrayImage;
-use nalgebra::Isometry2;
+use nalgebra::{Isometry2, Matrix3, Point2, Rotation2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::circles::Disc;
-use super::detector::{Detector, PartSize};
-use super::part_model::{Face, PartModel, PoseTemplate, RINGS, sample_face};
-use super::view::View;
-use super::{ImageFault, require_above};
-use crate::camera::{CameraModel, InvalidValue, MountedTray, require};
+use super::detector::Detector;
+use super::segment::{Plateau, PlateauSums, RADIAL_BINS, RELATIVE_UNITS, Segmentation, TaughtLight, hub_level};
+use super::template::{Aspect, PLANES, PartModel, Plane, PoseTemplate, SIDE_MAX};
+use super::view::{RayTable, View};
+use super::{ImageFault, SelectorConfig, candidate, require_above};
+use crate::camera::{CameraModel, InvalidValue, MountedTray, require, single};
 
-/// Share of the rim a part must show to be taught from.
-const TEACH_SUPPORT_MIN: f64 = 0.8;
-/// Parts closer than this, in diameters from centre to centre, do not teach: their shadows meet.
-const TEACH_SEPARATION: f64 = 1.4;
-/// Least tolerance of the diameter, relative, and the number of standard deviations it covers.
-const DIAMETER_TOLERANCE_RATIO: f64 = 0.08;
-const DIAMETER_SIGMAS: f64 = 6.0;
-/// Faces that correlate more than this cannot be told apart.
-const FACE_CORRELATION_MAX: f64 = 0.6;
+/// Room left round a part in its template, px.
+const MARGIN_PX: f64 = 4.0;
+/// Smallest thing that counts as more than noise, px.
+const BLOB_PX_MIN: usize = 9;
+/// Parts of a pose that must be shown at least.
+const SHOWN_MIN: usize = 12;
+/// Ridge on the pictures beside the mean, in parts shown: what the pictures do not tell stays 0.
+const RIDGE: f64 = 1.0;
+/// Share of the parts shown in a pose that must be recognised, once it is learned, and that may be taken for another.
+const RECOGNISED_RATIO_MIN: f64 = 0.6;
+const MISTAKEN_RATIO_MAX: f64 = 0.04;
+/// How far from where it was laid a part is recognised as the same, relative to its radius.
+const SAME_PLACE_RATIO: f64 = 0.3;
 
-/// A picture to teach from: parts that all lie in one known pose.
+/// A part as it was laid for a picture, in the tray frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LaidPart {
+    /// Resting pose.
+    pub pose: usize,
+    /// Place, m.
+    pub place: Point2<f64>,
+    /// Yaw, rad.
+    pub yaw_rad: f64,
+}
+
+/// A picture to teach from.
 #[derive(Clone, Copy, Debug)]
 pub struct TeachFrame<'a> {
     /// The picture.
     pub image: &'a GrayImage,
     /// Pose of the tray when it was taken.
     pub platen_from_tray: Isometry2<f64>,
-    /// Resting pose of all parts in it.
-    pub pose: usize,
+    /// The parts laid on the plateau; a picture of none teaches what the bare plateau looks like.
+    pub parts: &'a [LaidPart],
 }
 
-/// What must be known of a part before it is taught: its drawing.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// What must be known of a pose before it is taught: the part's drawing.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoseSpec {
+    /// Height of the part as it lies, m.
+    pub height_m: f64,
+    /// Convex outline seen from above, counter-clockwise about its place at yaw 0, m.
+    pub outline_m: Vec<Point2<f64>>,
+    /// The turn by one over this many leaves the part as it was; 0 if any turn does.
+    pub yaw_symmetry: u32,
+}
+
+impl PoseSpec {
+    /// Greatest distance of the outline from the place, m.
+    fn radius_m(&self) -> f64 {
+        self.outline_m.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max)
+    }
+}
+
+/// What must be known before a part is taught.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TeachSpec {
-    /// Nominal diameter, m; a tenth off does no harm.
-    pub diameter_m: f64,
-    /// Nominal height, m.
-    pub height_m: f64,
+    /// The resting poses.
+    pub poses: Vec<PoseSpec>,
     /// Grey levels by which a part differs from the plateau at least.
     pub contrast_min_levels: f64,
 }
@@ -58,97 +92,280 @@ pub enum TeachError {
         /// What is wrong with it.
         source: ImageFault,
     },
-    /// A pose without a picture that shows a part lying free.
-    #[error("no teaching frame shows a free part of diameter {diameter_m} m in pose {pose}")]
-    NoPart {
+    /// No picture of the bare plateau.
+    #[error("no teaching frame shows the plateau without parts")]
+    NoBarePlateau,
+    /// The hub, whose top serves as the reference of brightness, is not seen.
+    #[error("teaching frame {index} does not show the tray's hub")]
+    HubOutOfView {
+        /// Which picture.
+        index: usize,
+    },
+    /// A pose without enough pictures.
+    #[error("the teaching frames show {shown} parts in pose {pose}; allowed: at least {SHOWN_MIN}")]
+    TooFew {
         /// The pose.
         pose: usize,
-        /// The diameter looked for, m.
-        diameter_m: f64,
+        /// Parts shown.
+        shown: usize,
     },
-    /// Two poses that look the same.
+    /// A pose that looks like another, or different every time.
     #[error(
-        "poses {first} and {second} look the same: correlation {correlation:.2}; allowed: up to {FACE_CORRELATION_MAX}"
+        "{recognised} of {shown} parts shown in pose {pose} are recognised, {mistaken} taken for another pose; \
+         allowed: at least 60 % and at most 4 %"
     )]
-    Alike {
-        /// One pose.
-        first: usize,
-        /// The other.
-        second: usize,
-        /// Correlation of their faces.
-        correlation: f64,
+    NotRecognised {
+        /// The pose.
+        pose: usize,
+        /// Parts shown.
+        shown: usize,
+        /// Parts recognised.
+        recognised: usize,
+        /// Parts taken for another pose.
+        mistaken: usize,
     },
 }
 
-/// Learns a part from pictures of it lying free on the plateau, each pose in at least one picture.
+/// Learns a part from pictures of it lying free on the plateau, and of the bare plateau.
 ///
 /// # Errors
 ///
-/// [`TeachError`] if a number is out of range, a picture unusable, a pose not shown, or two poses look the same.
+/// [`TeachError`] if a number is out of range, a picture unusable, a pose not shown often enough, or poses cannot be told
+/// apart.
 pub fn teach(
     frames: &[TeachFrame],
     camera: &CameraModel,
     tray: &MountedTray,
-    spec: TeachSpec,
+    spec: &TeachSpec,
 ) -> Result<PartModel, TeachError> {
-    require((5e-4..=0.2).contains(&spec.diameter_m), "teach.diameter_m", spec.diameter_m, "5e-4 to 0.2 m")?;
-    require((0.0..=0.1).contains(&spec.height_m), "teach.height_m", spec.height_m, "0 to 0.1 m")?;
     tray.validate()?;
     require_above(camera, tray)?;
-    let size = PartSize { diameter_m: spec.diameter_m, height_m: spec.height_m };
-    let mut detector = Detector::new(camera, tray);
-    let pose_count = frames.iter().map(|frame| frame.pose + 1).max().unwrap_or(1);
-    let mut faces: Vec<Vec<Face>> = vec![Vec::new(); pose_count];
-    let mut diameters = Vec::new();
-    for (index, frame) in frames.iter().enumerate() {
-        let (discs, background) = detector
-            .discs(frame.image, &frame.platen_from_tray, size, spec.contrast_min_levels)
-            .map_err(|source| TeachError::Frame { index, source })?;
-        let view = View { camera, tray, platen_from_tray: frame.platen_from_tray };
-        let height_m = size.face_height_m(tray);
-        for disc in &discs {
-            let near = |other: &&Disc| {
-                let apart_m = (other.centre - disc.centre).norm();
-                apart_m > 0.0 && apart_m < TEACH_SEPARATION * spec.diameter_m
-            };
-            if disc.support < TEACH_SUPPORT_MIN || discs.iter().any(|other| near(&other)) {
-                continue;
-            }
-            if let Some(face) =
-                sample_face(&detector.segmentation, &background, &view, height_m, disc.centre, spec.diameter_m / 2.0)
-            {
-                faces[frame.pose].push(face);
-                diameters.push(2.0 * disc.radius_m);
-            }
-        }
+    require(!spec.poses.is_empty(), "teach.poses", 0.0, "at least one")?;
+    for pose in &spec.poses {
+        require((0.0..=0.1).contains(&pose.height_m), "teach.poses.height_m", pose.height_m, "0 to 0.1 m")?;
+        let side = 2.0 * (pose.radius_m() / camera.m_per_px(tray.plateau_height_m()) + MARGIN_PX) + 1.0;
+        let radius_ok = pose.radius_m() > 0.0 && side <= SIDE_MAX as f64;
+        require(radius_ok, "teach.poses.outline_m", pose.radius_m(), "a reach above 0, and at most 75 px")?;
     }
-    let mut poses = Vec::with_capacity(pose_count);
-    for (pose, faces) in faces.iter().enumerate() {
-        if faces.is_empty() {
-            return Err(TeachError::NoPart { pose, diameter_m: spec.diameter_m });
-        }
-        let ring = |ring: usize| moments(faces.iter().map(|face| face.rings[ring]));
-        let (ring_brightness, ring_deviation) = (0..RINGS).map(ring).unzip();
-        poses.push(PoseTemplate { ring_brightness, ring_deviation });
+    for part in frames.iter().flat_map(|frame| frame.parts) {
+        require(part.pose < spec.poses.len(), "teach.parts.pose", part.pose as f64, "an index of teach.poses")?;
     }
-    for second in 1..poses.len() {
-        for first in 0..second {
-            let correlation = poses[first].correlation(&poses[second].ring_brightness);
-            if correlation > FACE_CORRELATION_MAX {
-                return Err(TeachError::Alike { first, second, correlation });
-            }
-        }
+    let mut lesson = Lesson { camera, tray, rays: RayTable::new(camera), segmentation: Segmentation::default(), spec };
+    let (taught, plateau) = lesson.plateau(frames)?;
+    let mut model = PartModel {
+        plateau_light: taught.light,
+        hub_level: taught.hub_level,
+        plateau_shade: shade_plane(&plateau),
+        poses: Vec::new(),
+    };
+    let views = lesson.views(frames, &plateau)?;
+    for (pose, views) in views.iter().enumerate() {
+        model.poses.push(lesson.template(pose, views)?);
     }
-    let (seen_diameter_m, deviation_m) = moments(diameters.iter().copied());
-    let diameter_tolerance_m = (DIAMETER_SIGMAS * deviation_m).max(DIAMETER_TOLERANCE_RATIO * seen_diameter_m);
-    let TeachSpec { diameter_m, height_m, .. } = spec;
-    Ok(PartModel { diameter_m, seen_diameter_m, diameter_tolerance_m, height_m, poses })
+    model.validate()?;
+    examine(frames, camera, tray, spec, &model)?;
+    Ok(model)
 }
 
-/// Mean and standard deviation.
-fn moments(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
-    let count = values.clone().count().max(1) as f64;
-    let mean = values.clone().sum::<f64>() / count;
-    let variance = values.map(|value| (value - mean).powi(2)).sum::<f64>() / count;
-    (mean, variance.sqrt())
+/// A part seen once.
+struct Seen {
+    aspect: Aspect,
+    /// Brightness in the directions of its template.
+    levels: Vec<f32>,
+    sigma: f32,
+}
+
+struct Lesson<'a> {
+    camera: &'a CameraModel,
+    tray: &'a MountedTray,
+    rays: RayTable,
+    segmentation: Segmentation,
+    spec: &'a TeachSpec,
+}
+
+impl Lesson<'_> {
+    fn look(&mut self, frame: &TeachFrame, index: usize, plateau: &Plateau) -> Result<(), TeachError> {
+        let fault = |source| TeachError::Frame { index, source };
+        let expected = (self.camera.width_px(), self.camera.height_px());
+        if frame.image.dimensions() != expected {
+            return Err(fault(ImageFault::WrongSize { found: frame.image.dimensions(), expected }));
+        }
+        let view = View { camera: self.camera, tray: self.tray, platen_from_tray: frame.platen_from_tray };
+        let contrast = self.spec.contrast_min_levels;
+        self.segmentation.look(&view, &self.rays, frame.image, plateau, contrast, BLOB_PX_MIN).map_err(fault)
+    }
+
+    /// What the bare plateau looks like.
+    fn plateau(&mut self, frames: &[TeachFrame]) -> Result<(TaughtLight, Plateau), TeachError> {
+        let mut sums = vec![PlateauSums::default(); RADIAL_BINS + 1];
+        let (mut light, mut hub, mut count) = ([0.0; 6], 0.0, 0.0_f32);
+        for (index, frame) in frames.iter().enumerate().filter(|(_, frame)| frame.parts.is_empty()) {
+            self.look(frame, index, &Plateau::unknown())?;
+            let view = View { camera: self.camera, tray: self.tray, platen_from_tray: frame.platen_from_tray };
+            self.segmentation.learn_plateau(&view, &mut sums);
+            hub += hub_level(&view, frame.image).ok_or(TeachError::HubOutOfView { index })?;
+            light = std::array::from_fn(|index| light[index] + self.segmentation.light[index]);
+            count += 1.0;
+        }
+        if count == 0.0 {
+            return Err(TeachError::NoBarePlateau);
+        }
+        let shade = |sums: &PlateauSums| {
+            // Bins no pixel falls into, and directions never seen, stay as bright as the middle.
+            let ridge = Matrix3::from_diagonal(&nalgebra::Vector3::new(1e-6, 3.0, 3.0));
+            let target = sums.target - sums.normal.column(0);
+            let solution = (sums.normal + ridge).cholesky().map(|factors| factors.solve(&target));
+            let [constant, cos, sin] = solution.unwrap_or_default().map(single).into();
+            [1.0 + constant, cos, sin]
+        };
+        let taught = TaughtLight { light: light.map(|sum| sum / count), hub_level: hub / count };
+        Ok((taught, Plateau { taught: Some(taught), shade: sums.iter().map(shade).collect() }))
+    }
+
+    /// Every part laid, as it was seen, by pose.
+    fn views(&mut self, frames: &[TeachFrame], plateau: &Plateau) -> Result<Vec<Vec<Seen>>, TeachError> {
+        let mut views: Vec<Vec<Seen>> = self.spec.poses.iter().map(|_| Vec::new()).collect();
+        for (index, frame) in frames.iter().enumerate().filter(|(_, frame)| !frame.parts.is_empty()) {
+            self.look(frame, index, plateau)?;
+            let view = View { camera: self.camera, tray: self.tray, platen_from_tray: frame.platen_from_tray };
+            let tray_yaw_rad = frame.platen_from_tray.rotation.angle();
+            for part in frame.parts {
+                let spec = &self.spec.poses[part.pose];
+                // Yaws that look the same count as one.
+                let period_rad = if spec.yaw_symmetry == 0 { 0.0 } else { TAU / f64::from(spec.yaw_symmetry) };
+                let on_platen_rad = part.yaw_rad + tray_yaw_rad;
+                let folded_rad = if period_rad > 0.0 { on_platen_rad.rem_euclid(period_rad) } else { 0.0 };
+                let yaw_rad = folded_rad - tray_yaw_rad;
+                let height_m = self.tray.plateau_height_m() + 0.5 * spec.height_m;
+                let aspect = Aspect { yaw_rad: folded_rad, slant: view.slant(part.place, height_m) };
+                if let Some(levels) = self.sample(&view, spec, part.place, yaw_rad) {
+                    views[part.pose].push(Seen { aspect, levels, sigma: self.segmentation.sigma });
+                }
+            }
+        }
+        Ok(views)
+    }
+
+    fn texel_m(&self) -> f64 {
+        self.camera.m_per_px(self.tray.plateau_height_m())
+    }
+
+    /// Texels of a template along a side.
+    fn side(&self, spec: &PoseSpec) -> usize {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked against SIDE_MAX")]
+        let half = (spec.radius_m() / self.texel_m() + MARGIN_PX).ceil() as usize;
+        (2 * half + 1).min(SIDE_MAX)
+    }
+
+    /// Brightness above the plateau's in a part's directions; where no plateau is, 0.
+    fn sample(&self, view: &View, spec: &PoseSpec, place: Point2<f64>, yaw_rad: f64) -> Option<Vec<f32>> {
+        let frame = &self.segmentation;
+        let height_m = self.tray.plateau_height_m() + 0.5 * spec.height_m;
+        let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
+        let pixel = view.pixel(place, height_m)? - corner;
+        let px_from_part = view.px_from_tray(place, height_m)? * Rotation2::new(yaw_rad).matrix() * self.texel_m();
+        let side = self.side(spec);
+        let middle = (side / 2) as f64;
+        let texel = |index: usize| Vector2::new((index % side) as f64 - middle, (index / side) as f64 - middle);
+        let level = |index: usize| {
+            let place = (pixel + px_from_part * texel(index)).map(single);
+            frame.relative_at(place.x, place.y).map_or(0.0, |(level, _)| level / RELATIVE_UNITS)
+        };
+        Some((0..side * side).map(level).collect())
+    }
+
+    fn template(&self, pose: usize, views: &[Seen]) -> Result<PoseTemplate, TeachError> {
+        if views.len() < SHOWN_MIN {
+            return Err(TeachError::TooFew { pose, shown: views.len() });
+        }
+        let spec = &self.spec.poses[pose];
+        let side = self.side(spec);
+        let mut normal = SMatrix::<f64, PLANES, PLANES>::zeros();
+        let factors: Vec<SVector<f64, PLANES>> =
+            views.iter().map(|seen| SVector::from(seen.aspect.factors())).collect();
+        for factors in &factors {
+            normal += factors * factors.transpose();
+        }
+        for plane in 1..PLANES {
+            normal[(plane, plane)] += RIDGE;
+        }
+        let inverse = normal.try_inverse().ok_or(TeachError::TooFew { pose, shown: views.len() })?;
+        let mut planes: [Vec<f32>; PLANES] = std::array::from_fn(|_| Vec::with_capacity(side * side));
+        let mut deviations = Vec::with_capacity(side * side);
+        let mean_noise = views.iter().map(|seen| seen.sigma * seen.sigma).sum::<f32>() / views.len() as f32;
+        for texel in 0..side * side {
+            let mut target = SVector::<f64, PLANES>::zeros();
+            for (seen, factors) in views.iter().zip(&factors) {
+                target += factors * f64::from(seen.levels[texel]);
+            }
+            let solution = inverse * target;
+            for (plane, value) in planes.iter_mut().zip(solution.iter()) {
+                plane.push(single(*value));
+            }
+            let misses = views.iter().zip(&factors);
+            let square: f64 =
+                misses.map(|(seen, factors)| (f64::from(seen.levels[texel]) - factors.dot(&solution)).powi(2)).sum();
+            let freedom = (views.len() - PLANES).max(1) as f64;
+            deviations.push((single(square / freedom) - mean_noise).max(0.0).sqrt());
+        }
+        let [mean, yaw_cos, yaw_sin, yaw_cos_2, yaw_sin_2, slant_x, slant_y] =
+            planes.map(|values| Plane::new(side, values));
+        Ok(PoseTemplate {
+            height_m: spec.height_m,
+            yaw_symmetry: spec.yaw_symmetry,
+            texel_m: self.texel_m(),
+            mean,
+            yaw_cos,
+            yaw_sin,
+            yaw_cos_2,
+            yaw_sin_2,
+            slant_x,
+            slant_y,
+            deviation: Plane::new(side, deviations),
+            outline_m: spec.outline_m.clone(),
+        })
+    }
+}
+
+fn shade_plane(plateau: &Plateau) -> Plane {
+    let row = |index: usize, base: f32| plateau.shade[1..].iter().map(move |shade| shade[index] - base);
+    Plane::new(RADIAL_BINS, row(0, 1.0).chain(row(1, 0.0)).chain(row(2, 0.0)).collect())
+}
+
+/// Whether what was learned recognises what it was learned from.
+fn examine(
+    frames: &[TeachFrame],
+    camera: &CameraModel,
+    tray: &MountedTray,
+    spec: &TeachSpec,
+    model: &PartModel,
+) -> Result<(), TeachError> {
+    let config = SelectorConfig { contrast_min_levels: spec.contrast_min_levels, ..SelectorConfig::default() };
+    let mut detector = Detector::new(camera, tray, model);
+    let mut tally = vec![(0_usize, 0_usize, 0_usize); spec.poses.len()];
+    for (index, frame) in frames.iter().enumerate().filter(|(_, frame)| !frame.parts.is_empty()) {
+        let found = detector
+            .find(frame.image, &frame.platen_from_tray, config.contrast_min_levels, single(config.miss_max))
+            .map_err(|source| TeachError::Frame { index, source })?;
+        let candidates = candidate::judge(&detector, &detector.view(&frame.platen_from_tray), &config, &found);
+        for part in frame.parts {
+            let (shown, recognised, mistaken) = &mut tally[part.pose];
+            *shown += 1;
+            let reach_m = SAME_PLACE_RATIO * spec.poses[part.pose].radius_m();
+            let seen = candidates.iter().find(|candidate| (candidate.centre() - part.place).norm() <= reach_m);
+            match seen.and_then(|candidate| candidate.pose) {
+                Some(pose) if pose == part.pose => *recognised += 1,
+                Some(_) => *mistaken += 1,
+                None => {}
+            }
+        }
+    }
+    for (pose, (shown, recognised, mistaken)) in tally.into_iter().enumerate() {
+        let shown_f64 = shown as f64;
+        let unknown = (recognised as f64) < RECOGNISED_RATIO_MIN * shown_f64;
+        if unknown || mistaken as f64 > MISTAKEN_RATIO_MAX * shown_f64 {
+            return Err(TeachError::NotRecognised { pose, shown, recognised, mistaken });
+        }
+    }
+    Ok(())
 }

@@ -4,6 +4,7 @@ use nalgebra::{Matrix2, Point2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::Candidate;
+use super::detector::yaw_difference_rad;
 use crate::camera::{InvalidValue, require};
 
 /// How parts are followed.
@@ -22,6 +23,12 @@ pub struct TrackerConfig {
     pub acceleration_sigma_m_s2: f64,
     /// Standard deviation of the velocity of a part just seen first, m/s.
     pub velocity_sigma_m_s: f64,
+    /// Standard deviation of a measured yaw, rad.
+    pub yaw_sigma_rad: f64,
+    /// Standard deviation of the angular acceleration that parts undergo averaged over frames, rad/s².
+    pub yaw_acceleration_sigma_rad_s2: f64,
+    /// Standard deviation of the yaw rate of a part just seen first, rad/s.
+    pub yaw_rate_sigma_rad_s: f64,
 }
 
 impl Default for TrackerConfig {
@@ -33,6 +40,9 @@ impl Default for TrackerConfig {
             measurement_sigma_m: 0.000_1,
             acceleration_sigma_m_s2: 0.02,
             velocity_sigma_m_s: 0.02,
+            yaw_sigma_rad: 0.015,
+            yaw_acceleration_sigma_rad_s2: 2.0,
+            yaw_rate_sigma_rad_s: 1.0,
         }
     }
 }
@@ -45,6 +55,9 @@ impl TrackerConfig {
             ("selector.tracker.measurement_sigma_m", self.measurement_sigma_m),
             ("selector.tracker.acceleration_sigma_m_s2", self.acceleration_sigma_m_s2),
             ("selector.tracker.velocity_sigma_m_s", self.velocity_sigma_m_s),
+            ("selector.tracker.yaw_sigma_rad", self.yaw_sigma_rad),
+            ("selector.tracker.yaw_acceleration_sigma_rad_s2", self.yaw_acceleration_sigma_rad_s2),
+            ("selector.tracker.yaw_rate_sigma_rad_s", self.yaw_rate_sigma_rad_s),
         ] {
             require(value > 0.0 && value <= 100.0, field, value, "above 0 up to 100")?;
         }
@@ -68,6 +81,10 @@ pub struct TrackedCandidate {
     pub position_m: Point2<f64>,
     /// Velocity in the tray frame, m/s.
     pub velocity_m_s: Vector2<f64>,
+    /// Yaw in the tray frame, smoothed over frames, rad; `None` if it looks the same from all sides.
+    pub yaw_rad: Option<f64>,
+    /// Yaw rate in the tray frame, rad/s.
+    pub yaw_rate_rad_s: f64,
     /// Resting pose, from all frames.
     pub pose: Option<usize>,
     /// How sure the pose is, from all frames, 0 to 1.
@@ -84,17 +101,59 @@ impl TrackedCandidate {
     pub fn predict(&self, stamp_s: f64) -> Point2<f64> {
         self.position_m + self.velocity_m_s * (stamp_s - self.stamp_s)
     }
+
+    /// The yaw expected at `stamp_s`, tray frame, rad.
+    #[must_use]
+    pub fn predict_yaw_rad(&self, stamp_s: f64) -> Option<f64> {
+        self.yaw_rad.map(|yaw_rad| yaw_rad + self.yaw_rate_rad_s * (stamp_s - self.stamp_s))
+    }
 }
 
-/// A track: Kalman filter for a part of nearly constant velocity, x and y alike, and evidence for its pose.
+/// Kalman filter for values of nearly constant rate that share their uncertainty.
+#[derive(Clone, Debug)]
+struct Filter<const N: usize> {
+    value: [f64; N],
+    rate: [f64; N],
+    /// Covariance of value and rate.
+    covariance: Matrix2<f64>,
+}
+
+impl<const N: usize> Filter<N> {
+    fn start(value: [f64; N], value_sigma: f64, rate_sigma: f64) -> Self {
+        let covariance = Matrix2::new(value_sigma.powi(2), 0.0, 0.0, rate_sigma.powi(2));
+        Self { value, rate: [0.0; N], covariance }
+    }
+
+    fn predict(&mut self, dt: f64, acceleration_sigma: f64) {
+        for (value, rate) in self.value.iter_mut().zip(&self.rate) {
+            *value += rate * dt;
+        }
+        let advance = Matrix2::new(1.0, dt, 0.0, 1.0);
+        // White acceleration held over each interval.
+        let kick = Vector2::new(0.5 * dt * dt, dt) * acceleration_sigma;
+        self.covariance = advance * self.covariance * advance.transpose() + kick * kick.transpose();
+    }
+
+    /// Takes in by how much a measurement differs from the value expected.
+    fn correct(&mut self, innovation: [f64; N], value_sigma: f64) {
+        let variance = self.covariance[(0, 0)] + value_sigma.powi(2);
+        let gain = self.covariance.column(0) / variance;
+        for (index, innovation) in innovation.into_iter().enumerate() {
+            self.value[index] += innovation * gain[0];
+            self.rate[index] += innovation * gain[1];
+        }
+        self.covariance -= gain * self.covariance.row(0).clone_owned();
+    }
+}
+
+/// A track: where the part is, how it is turned, and evidence for its pose.
 #[derive(Clone, Debug)]
 struct Track {
     id: u64,
     stamp_s: f64,
-    position: Point2<f64>,
-    velocity: Vector2<f64>,
-    /// Covariance of position and velocity along either axis.
-    covariance: Matrix2<f64>,
+    place: Filter<2>,
+    /// With the taught pose whose yaw it is: another pose's yaw counts from another direction.
+    yaw: Option<(usize, Filter<1>)>,
     evidence: Vec<f64>,
     evidence_total: f64,
     frames_seen: u32,
@@ -103,36 +162,52 @@ struct Track {
 
 impl Track {
     fn start(id: u64, stamp_s: f64, candidate: &Candidate, pose_count: usize, config: &TrackerConfig) -> Self {
-        Self {
+        let place = [candidate.x_m, candidate.y_m];
+        let mut track = Self {
             id,
             stamp_s,
-            position: candidate.centre(),
-            velocity: Vector2::zeros(),
-            covariance: Matrix2::new(config.measurement_sigma_m.powi(2), 0.0, 0.0, config.velocity_sigma_m_s.powi(2)),
+            place: Filter::start(place, config.measurement_sigma_m, config.velocity_sigma_m_s),
+            yaw: None,
             evidence: vec![0.0; pose_count],
             evidence_total: 0.0,
             frames_seen: 0,
             missed: 0,
-        }
+        };
+        track.start_yaw(candidate, config);
+        track
+    }
+
+    fn start_yaw(&mut self, candidate: &Candidate, config: &TrackerConfig) {
+        self.yaw = candidate.yaw_rad.map(|yaw_rad| {
+            let filter = Filter::start([yaw_rad], config.yaw_sigma_rad, config.yaw_rate_sigma_rad_s);
+            (candidate.likeness, filter)
+        });
+    }
+
+    fn position(&self) -> Point2<f64> {
+        Point2::from(self.place.value)
     }
 
     fn predict(&mut self, stamp_s: f64, config: &TrackerConfig) {
         let dt = (stamp_s - self.stamp_s).max(0.0);
         self.stamp_s = stamp_s;
-        self.position += self.velocity * dt;
-        let advance = Matrix2::new(1.0, dt, 0.0, 1.0);
-        // White acceleration held over each interval.
-        let kick = Vector2::new(0.5 * dt * dt, dt) * config.acceleration_sigma_m_s2;
-        self.covariance = advance * self.covariance * advance.transpose() + kick * kick.transpose();
+        self.place.predict(dt, config.acceleration_sigma_m_s2);
+        if let Some((_, filter)) = &mut self.yaw {
+            filter.predict(dt, config.yaw_acceleration_sigma_rad_s2);
+        }
     }
 
-    fn correct(&mut self, candidate: &Candidate, config: &TrackerConfig) {
-        let variance = self.covariance[(0, 0)] + config.measurement_sigma_m.powi(2);
-        let gain = self.covariance.column(0) / variance;
-        let innovation = candidate.centre() - self.position;
-        self.position += innovation * gain[0];
-        self.velocity += innovation * gain[1];
-        self.covariance -= gain * self.covariance.row(0).clone_owned();
+    fn correct(&mut self, candidate: &Candidate, symmetries: &[u32], config: &TrackerConfig) {
+        let innovation = candidate.centre() - self.position();
+        self.place.correct(innovation.into(), config.measurement_sigma_m);
+        match (&mut self.yaw, candidate.yaw_rad) {
+            (Some((pose, filter)), Some(yaw_rad)) if *pose == candidate.likeness => {
+                let symmetry = symmetries.get(*pose).copied().unwrap_or(1);
+                let miss_rad = yaw_difference_rad(yaw_rad, filter.value[0], symmetry);
+                filter.correct([miss_rad], config.yaw_sigma_rad);
+            }
+            _ => self.start_yaw(candidate, config),
+        }
         self.missed = 0;
     }
 
@@ -168,14 +243,15 @@ impl Track {
 #[derive(Clone, Debug)]
 pub(super) struct Tracker {
     config: TrackerConfig,
-    pose_count: usize,
+    /// Yaw symmetry of each pose.
+    symmetries: Vec<u32>,
     next_id: u64,
     tracks: Vec<Track>,
 }
 
 impl Tracker {
-    pub(super) fn new(config: TrackerConfig, pose_count: usize) -> Self {
-        Self { config, pose_count, next_id: 1, tracks: Vec::new() }
+    pub(super) fn new(config: TrackerConfig, symmetries: Vec<u32>) -> Self {
+        Self { config, symmetries, next_id: 1, tracks: Vec::new() }
     }
 
     /// Takes in what a frame shows; returns the tracks it shows, by identity.
@@ -188,7 +264,7 @@ impl Tracker {
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (track_index, track) in self.tracks.iter().enumerate() {
             for (index, candidate) in candidates.iter().enumerate() {
-                let miss_m = (candidate.centre() - track.position).norm();
+                let miss_m = (candidate.centre() - track.position()).norm();
                 if miss_m <= self.config.gate_m {
                     pairs.push((miss_m, track_index, index));
                 }
@@ -202,12 +278,12 @@ impl Tracker {
             if shown[track_index].is_none() && !taken[index] {
                 shown[track_index] = Some(index);
                 taken[index] = true;
-                self.tracks[track_index].correct(&candidates[index], &self.config);
+                self.tracks[track_index].correct(&candidates[index], &self.symmetries, &self.config);
             }
         }
         for (index, candidate) in candidates.iter().enumerate() {
             if !taken[index] {
-                let track = Track::start(self.next_id, stamp_s, candidate, self.pose_count, &self.config);
+                let track = Track::start(self.next_id, stamp_s, candidate, self.symmetries.len(), &self.config);
                 self.next_id += 1;
                 self.tracks.push(track);
                 shown.push(Some(index));
@@ -224,8 +300,10 @@ impl Tracker {
                 id: track.id,
                 stamp_s,
                 candidate,
-                position_m: track.position,
-                velocity_m_s: track.velocity,
+                position_m: track.position(),
+                velocity_m_s: track.place.rate.into(),
+                yaw_rad: track.yaw.as_ref().map(|(_, filter)| filter.value[0]),
+                yaw_rate_rad_s: track.yaw.as_ref().map_or(0.0, |(_, filter)| filter.rate[0]),
                 pose,
                 confidence,
                 frames_seen: track.frames_seen,

@@ -52,6 +52,13 @@ impl View<'_> {
         Some(px_from_platen * self.platen_from_tray.rotation.to_rotation_matrix().matrix())
     }
 
+    /// How far outwards, in the platen frame, the line of sight through a point leads per metre of descent.
+    pub(super) fn slant(&self, point: Point2<f64>, height_m: f64) -> Vector2<f64> {
+        let pose = self.camera.pose();
+        let from_camera = (self.platen_from_tray * point).coords - Vector2::new(pose.x_m, pose.y_m);
+        from_camera / (pose.height_m - height_m)
+    }
+
     fn in_platen(&self, point: Point2<f64>, height_m: f64) -> Point3<f64> {
         let on_platen = self.platen_from_tray * point;
         Point3::new(on_platen.x, on_platen.y, height_m)
@@ -108,8 +115,18 @@ impl RayTable {
     }
 
     /// For each pixel of a row of the window: 0 off the plateau, otherwise 1 + the distance from the inner wall in units
-    /// of `bin_m`.
-    pub(super) fn plateau_row(&self, view: &View, window: Window, row: usize, bin_m: f64, bins: &mut [u8]) {
+    /// of `bin_m`; and what the walls make of the light there, as `profile` tells by this bin.
+    #[expect(clippy::too_many_arguments, reason = "two inputs and two outputs, row by row")]
+    pub(super) fn plateau_row(
+        &self,
+        view: &View,
+        window: Window,
+        row: usize,
+        bin_m: f64,
+        profile: &[[f32; 3]],
+        bins: &mut [u8],
+        shades: &mut [f32],
+    ) {
         let single = crate::camera::single;
         let geometry = &view.tray.geometry;
         let pose = view.camera.pose();
@@ -124,7 +141,8 @@ impl RayTable {
         let bins_per_m = single(1.0 / bin_m);
         let start = (window.top + row) * self.width + window.left;
         let rays = self.x[start..start + window.width].iter().zip(&self.y[start..start + window.width]);
-        for (bin, (ray_x, ray_y)) in bins.iter_mut().zip(rays) {
+        let (yaw_cos, yaw_sin) = (single(yaw.re), single(yaw.im));
+        for ((bin, shade), (ray_x, ray_y)) in bins.iter_mut().zip(shades).zip(rays) {
             let x = eye.x + cos * ray_x + sin * ray_y;
             let y = eye.y + cos * ray_y - sin * ray_x;
             let radius = (x * x + y * y).sqrt();
@@ -134,6 +152,10 @@ impl RayTable {
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
             let distance = ((radius - inner) * bins_per_m) as u8;
             *bin = if inside { distance.saturating_add(1) } else { 0 };
+            let [constant, cos, sin] = profile.get(usize::from(*bin)).copied().unwrap_or([1.0, 0.0, 0.0]);
+            // The direction from the tray's centre, in the platen's axes.
+            let across = cos * (yaw_cos * x - yaw_sin * y) + sin * (yaw_sin * x + yaw_cos * y);
+            *shade = constant + across / radius.max(1e-6);
         }
     }
 }

@@ -1,11 +1,11 @@
 //! Parts while the courier carries the tray: what slides, and how far.
 
 use feeder_core::motion::{MotionBlock, MotionSample};
-use feeder_core::parts::{BulkSettings, Part, PartBulk, PartSpec};
+use feeder_core::parts::{Part, PartBulk, PartSpec};
 use feeder_core::tray::TrayGeometry;
 use nalgebra::{Rotation2, Vector2, Vector3};
 
-use crate::support::{G, bulk, bulk_of, spec, straight};
+use crate::support::{G, bulk, bulk_of, settings, spec, straight};
 
 const ON_RAMP_RAD: f64 = 1.2;
 const ON_PLATEAU_RAD: f64 = 4.4;
@@ -18,15 +18,15 @@ fn sticky() -> PartSpec {
     PartSpec { friction_static: 0.25, friction_kinetic: 0.20, ..spec(0.002, 0.2) }
 }
 
-fn alone(part: PartSpec, angle_rad: f64) -> PartBulk {
-    let mut bulk = bulk_of(part, BulkSettings::default(), 1);
+fn alone(part: &PartSpec, angle_rad: f64) -> PartBulk {
+    let mut bulk = bulk_of(part, settings(), 1);
     bulk.put(RADIUS_M, angle_rad, 0.0, 0).expect("room");
     bulk
 }
 
 /// The part after `count` samples under an acceleration of the tray along (`outward`, `around`) at the part.
 fn accelerated(angle_rad: f64, outward: f64, around: f64, count: u32) -> Part {
-    let mut bulk = alone(sticky(), angle_rad);
+    let mut bulk = alone(&sticky(), angle_rad);
     let in_platen = Rotation2::new(angle_rad + YAW_RAD) * Vector2::new(outward, around);
     bulk.step(&straight(in_platen.x, in_platen.y, YAW_RAD, count)).expect("sound motion");
     bulk.parts()[0]
@@ -39,7 +39,7 @@ fn verif_slip_threshold_on_the_plateau() {
         let (along, across) = (direction.cos(), direction.sin());
         let held = accelerated(ON_PLATEAU_RAD, 0.99 * limit * along, 0.99 * limit * across, 400);
         assert!(held.is_sticking());
-        assert_eq!(held, alone(sticky(), ON_PLATEAU_RAD).parts()[0], "moved below the limit");
+        assert_eq!(held, alone(&sticky(), ON_PLATEAU_RAD).parts()[0], "moved below the limit");
         let slid = accelerated(ON_PLATEAU_RAD, 1.01 * limit * along, 1.01 * limit * across, 10);
         assert!(!slid.is_sticking());
     }
@@ -63,7 +63,7 @@ fn verif_slip_thresholds_on_the_ramp() {
 fn verif_slip_distance_is_the_closed_form() {
     // Slides against (1.01 μ_s − μ_k) g for 40 ms, then against μ_k g until it stops.
     let (start, slip, stop) = (1.01 * 0.25 * G, (1.01 * 0.25 - 0.2) * G, 0.2 * G);
-    let mut bulk = alone(sticky(), ON_PLATEAU_RAD);
+    let mut bulk = alone(&sticky(), ON_PLATEAU_RAD);
     let before = bulk.parts()[0].position_m();
     bulk.step(&straight(start, 0.0, YAW_RAD, 80)).unwrap();
     bulk.step(&straight(0.0, 0.0, YAW_RAD, 80)).unwrap();
@@ -79,7 +79,7 @@ fn verif_slip_distance_is_the_closed_form() {
 fn verif_a_steady_turn_throws_parts_at_the_friction_limit() {
     let limit_rad_s = (0.25 * G / RADIUS_M).sqrt();
     for (share, sticks) in [(0.999, true), (1.001, false)] {
-        let mut bulk = alone(sticky(), ON_PLATEAU_RAD);
+        let mut bulk = alone(&sticky(), ON_PLATEAU_RAD);
         let sample = MotionSample { velocity: Vector3::new(0.0, 0.0, share * limit_rad_s), ..MotionSample::default() };
         let block = MotionBlock { sample_period_s: 5e-4, samples: vec![sample; 4] };
         bulk.step(&block).unwrap();

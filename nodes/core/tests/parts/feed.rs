@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use feeder_core::parts::{BulkSettings, PartBulk, PartType};
 use feeder_core::tray::TrayGeometry;
 
-use crate::support::{G, YawVibration, bulk, bulk_of, spec};
+use crate::support::{G, YawVibration, bulk, bulk_of, settings, spec};
 
 /// The paper's ramp and plateau, with the outer wall out of the way of a part at 90 mm.
 const TRAY: TrayGeometry = TrayGeometry { outer_radius_m: 0.1, ..TrayGeometry::PAPER };
@@ -16,7 +16,7 @@ const ON_PLATEAU_RAD: f64 = 4.0;
 ///
 /// All periods here divide 0.1 s, which is a whole number of samples.
 fn feed_mm_s(vibration: &YawVibration, radius_m: f64, angle_rad: f64, samples_per_tenth_s: u32) -> f64 {
-    let part = PartType::try_from(spec(0.002, 0.2)).expect("a sound part");
+    let part = PartType::new(&spec(0.002, 0.2)).expect("a sound part");
     let mut bulk = PartBulk::new(TRAY, part, BulkSettings::default(), 1).expect("sound settings");
     bulk.put(radius_m, angle_rad, 0.0, 0).expect("room");
     let block = vibration.block(0, samples_per_tenth_s, 0.1 / f64::from(samples_per_tenth_s));
@@ -97,14 +97,14 @@ fn feed_grows_with_the_period() {
 
 #[test]
 fn mass_changes_nothing() {
-    let run = |mass_kg: f64| {
-        let part = feeder_core::parts::PartSpec { mass_kg, ..spec(0.006, 0.2) };
-        let mut bulk = bulk_of(part, BulkSettings::default(), 5);
+    let run = |density_kg_m3: f64| {
+        let part = feeder_core::parts::PartSpec { density_kg_m3, ..spec(0.006, 0.2) };
+        let mut bulk = bulk_of(&part, settings(), 5);
         bulk.load(20);
         bulk.step(&YawVibration::paper().block(0, 2000, 5e-4)).unwrap();
         bulk.parts().to_vec()
     };
-    assert_eq!(run(1e-4), run(0.1));
+    assert_eq!(run(900.0), run(19_000.0));
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! Tray motion and parts for the tests.
 
+use feeder_core::geometry::{Loop, ShapeSpec, Solid};
 use feeder_core::motion::{MotionBlock, MotionSample};
-use feeder_core::parts::{BulkSettings, PartBulk, PartSpec, PartType, RestingPose};
+use feeder_core::parts::{BulkSettings, PartBulk, PartSource, PartSpec, PartType, PoseName};
 use feeder_core::tray::TrayGeometry;
 use nalgebra::Vector3;
 
@@ -104,26 +105,40 @@ pub(crate) fn straight(x_m_s2: f64, y_m_s2: f64, yaw_rad: f64, count: u32) -> Mo
     MotionBlock { sample_period_s, samples: samples.collect() }
 }
 
+/// A disc with a bright and a dark face.
 pub(crate) fn spec(diameter_m: f64, friction: f64) -> PartSpec {
-    let pose = |name: &str| RestingPose { name: name.to_owned(), probability: 0.5 };
+    let outline = || Loop::Circle { radius_m: diameter_m / 2.0, centre_m: [0.0; 2] };
+    let layer = |z_m, share| Solid::Extruded { outline: outline(), holes: vec![], z_m, reflectance: Some(share) };
     PartSpec {
         name: "disc".to_owned(),
-        diameter_m,
-        thickness_m: 0.001,
-        mass_kg: 2e-4,
+        density_kg_m3: 8000.0,
         friction_static: friction,
         friction_kinetic: friction,
-        wanted_pose: "up".to_owned(),
-        resting_poses: vec![pose("up"), pose("down")],
-        dropoff_transition: vec![vec![0.5, 0.5]; 2],
+        reflectance: 0.5,
+        shape: ShapeSpec::Solids(vec![
+            layer([0.0, 0.1 * diameter_m], 0.2),
+            layer([0.1 * diameter_m, 0.2 * diameter_m], 0.8),
+        ]),
+        poses: vec![PoseName { name: "up".to_owned(), up: [0.0, 0.0, 1.0] }],
+        wanted_poses: vec!["up".to_owned()],
+        drops: None,
     }
 }
 
-pub(crate) fn bulk_of(spec: PartSpec, settings: BulkSettings, seed: u64) -> PartBulk {
-    let part = PartType::try_from(spec).expect("a sound part");
+/// As the paper's tray wants it: clear of the critical radius of its waveform.
+pub(crate) fn settings() -> BulkSettings {
+    BulkSettings { loading_inner_radius_m: Some(0.075), critical_radius_m: Some(0.0576), ..BulkSettings::default() }
+}
+
+pub(crate) fn part(name: &str) -> PartType {
+    PartSource::Name(name.to_owned()).part_type().expect("a part of the catalogue")
+}
+
+pub(crate) fn bulk_of(spec: &PartSpec, settings: BulkSettings, seed: u64) -> PartBulk {
+    let part = PartType::new(spec).expect("a sound part");
     PartBulk::new(TrayGeometry::PAPER, part, settings, seed).expect("sound settings")
 }
 
 pub(crate) fn bulk(diameter_m: f64, seed: u64) -> PartBulk {
-    bulk_of(spec(diameter_m, 0.2), BulkSettings::default(), seed)
+    bulk_of(&spec(diameter_m, 0.2), settings(), seed)
 }

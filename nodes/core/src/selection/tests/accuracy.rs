@@ -2,96 +2,94 @@
 
 use super::*;
 use crate::camera::codec;
+use crate::selection::detector::yaw_difference_rad;
 
 /// What a run over many scenes came to.
 #[derive(Default)]
 struct Score {
     plateau_parts: u32,
     found: u32,
-    wrong_pose: u32,
-    false_candidates: u32,
+    selected: u32,
+    wrong: u32,
     isolated_right: u32,
-    isolated_right_taken: u32,
-    wrongly_taken: u32,
+    isolated_right_selected: u32,
     errors_m: Vec<f64>,
+    yaw_errors_rad: Vec<f64>,
 }
 
-fn score(sigma: f64, part_count: usize, frames: u32, seed: u64) -> Score {
-    let scene = scene(sigma);
+fn score(part: &PartType, sigma: f64, part_count: usize, apart_m: f64, frames: u32) -> Score {
+    let scene = scene(part, sigma);
     let renderer = Renderer::new(&scene).unwrap();
-    let mut selector = selector();
-    let mut generator = Pcg64Mcg::seed_from_u64(seed);
+    let config = SelectorConfig { wanted_poses: part.wanted_poses.clone(), ..SelectorConfig::default() };
+    let mut selector = Selector::new(config, &scene.camera, &scene.tray, &taught(part)).unwrap();
+    let mut random = Pcg64Mcg::seed_from_u64(7);
     let mut score = Score::default();
     for _ in 0..frames {
-        let mut shift = || generator.random_range(-0.01..0.01);
-        let pose = Isometry2::new(Vector2::new(0.3 + shift(), 0.3 + shift()), 3.0 * shift());
-        let parts = scatter(part_count, &mut generator);
-        let image = shoot(&renderer, &pose, &parts, &mut generator);
+        let parts = strewn(part, None, part_count, apart_m, &mut random);
+        let image = shoot(&renderer, &over_camera(), &parts, &mut random);
         let bytes = codec::encode(&image, codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX).unwrap();
-        let candidates = selector.detect(&codec::decode(&bytes).unwrap(), &pose).unwrap();
-        let near =
-            |part: &PartView, candidate: &Candidate| (candidate.centre() - centre(part)).norm() < DIAMETER_M / 4.0;
-        let taken = |candidate: &Candidate| {
-            candidate.pose == Some(0)
-                && candidate.confidence >= 0.6
-                && candidate.on_plateau
-                && candidate.part_gap_m >= 0.001
+        let candidates = selector.detect(&codec::decode(&bytes).unwrap(), &over_camera()).unwrap();
+        let near = |laid: &LaidPart, candidate: &Candidate| {
+            (candidate.centre() - laid.place).norm() < part.outline_radius_m() / 2.0
         };
-        for candidate in &candidates {
-            let part = parts.iter().find(|part| near(part, candidate));
-            score.false_candidates += u32::from(part.is_none());
-            score.wrongly_taken += u32::from(taken(candidate) && part.is_none_or(|part| part.pose != 0));
+        for candidate in candidates.iter().filter(|candidate| selector.admits(candidate)) {
+            let truth = parts.iter().find(|laid| near(laid, candidate));
+            score.selected += 1;
+            score.wrong += u32::from(truth.is_none_or(|laid| candidate.pose != Some(laid.pose)));
         }
-        for part in &parts {
-            // A quarter of a millimetre decides nothing: parts that straddle the sector's edges are not scored.
-            if scene.tray.inside_sector_m(centre(part)) < DIAMETER_M / 2.0 + 0.000_25 {
-                continue;
-            }
+        for laid in &parts {
             score.plateau_parts += 1;
-            let others = parts.iter().map(|other| (centre(other) - centre(part)).norm()).filter(|d| *d > 0.0);
-            let isolated = others.fold(f64::INFINITY, f64::min) - DIAMETER_M >= 0.001_25;
-            let found = candidates.iter().find(|candidate| near(part, candidate));
-            score.isolated_right += u32::from(isolated && part.pose == 0);
-            if let Some(candidate) = found {
-                score.found += 1;
-                score.wrong_pose += u32::from(candidate.pose.is_some_and(|pose| pose != part.pose));
-                score.isolated_right_taken += u32::from(isolated && part.pose == 0 && taken(candidate));
-                score.errors_m.push((candidate.centre() - centre(part)).norm());
+            let others = parts.iter().map(|other| (other.place - laid.place).norm()).filter(|d| *d > 0.0);
+            let isolated = others.fold(f64::INFINITY, f64::min) - 2.0 * part.outline_radius_m() >= 0.001_25;
+            let right = part.wanted_poses.contains(&laid.pose);
+            let found = candidates.iter().find(|candidate| near(laid, candidate));
+            score.isolated_right += u32::from(isolated && right);
+            let Some(candidate) = found else { continue };
+            score.found += 1;
+            if isolated && right && selector.admits(candidate) {
+                score.isolated_right_selected += 1;
+                score.errors_m.push((candidate.centre() - laid.place).norm());
+                let symmetry = part.poses[laid.pose].yaw_symmetry;
+                score
+                    .yaw_errors_rad
+                    .extend(candidate.yaw_rad.map(|yaw_rad| yaw_difference_rad(yaw_rad, laid.yaw_rad, symmetry).abs()));
             }
         }
     }
-    score.errors_m.sort_by(f64::total_cmp);
     score
 }
 
+fn p95(mut errors: Vec<f64>) -> f64 {
+    errors.sort_by(f64::total_cmp);
+    errors.get(errors.len() * 95 / 100).copied().unwrap_or(0.0)
+}
+
 impl Score {
-    /// The demands of the project; positions as the selector reaches them, with some margin below the 0.2 mm demanded.
-    fn require(&self, p95_m: f64) {
+    /// The demands of the project.
+    fn require(self) {
         let share = |part: u32, whole: u32| f64::from(part) / f64::from(whole);
-        assert!(self.plateau_parts > 400, "too few parts to judge by: {}", self.plateau_parts);
-        assert_eq!(self.wrong_pose, 0, "of {} found", self.found);
-        assert_eq!(self.wrongly_taken, 0);
-        let recall = share(self.isolated_right_taken, self.isolated_right);
+        assert!(self.plateau_parts > 300 && self.isolated_right > 60, "too few parts to judge by");
+        assert_eq!(self.wrong, 0, "of {} selected", self.selected);
+        let recall = share(self.isolated_right_selected, self.isolated_right);
         assert!(recall >= 0.98, "recall of isolated right parts {recall}");
-        assert!(share(self.found, self.plateau_parts) >= 0.98, "{} of {}", self.found, self.plateau_parts);
-        let false_share = share(self.false_candidates, self.found);
-        assert!(false_share <= 0.002, "{} false candidates", self.false_candidates);
-        let error_m = self.errors_m[self.errors_m.len() * 95 / 100];
-        assert!(error_m <= p95_m, "95 % of positions within {} mm", error_m * 1e3);
+        assert!(share(self.found, self.plateau_parts) >= 0.97, "{} of {}", self.found, self.plateau_parts);
+        let (error_m, yaw_rad) = (p95(self.errors_m), p95(self.yaw_errors_rad));
+        assert!(error_m <= 0.000_2, "95 % of positions within {} mm", error_m * 1e3);
+        assert!(yaw_rad <= 2_f64.to_radians(), "95 % of yaws within {}°", yaw_rad.to_degrees());
     }
 }
 
 #[test]
 fn val_accuracy_at_usual_noise() {
-    score(2.0, 50, 80, 1).require(0.000_1);
+    score(&GROMMET, 2.0, 50, 2.0 * RADIUS_M, 12).require();
 }
 
 #[test]
-fn val_accuracy_at_three_times_the_usual_noise() {
-    score(6.0, 50, 80, 2).require(0.000_1);
+fn val_accuracy_at_six_times_the_usual_noise() {
+    score(&GROMMET, 12.0, 50, 2.0 * RADIUS_M, 12).require();
 }
 
 #[test]
 fn val_accuracy_in_a_crowd() {
-    score(2.0, 120, 40, 3).require(0.000_12);
+    score(&GROMMET, 6.0, 200, 2.0 * RADIUS_M, 5).require();
 }

@@ -1,0 +1,201 @@
+//! Lays a template over a frame, to a fraction of a pixel.
+
+use nalgebra::{Matrix3, Point2, Rotation2, Vector2, Vector3};
+
+use super::segment::{RELATIVE_UNITS, Segmentation};
+use super::sought::{BARE_BRIGHT_SIGMA, BARE_DARK_SIGMA, Sought, Turn, gradient};
+use super::template::Aspect;
+use super::view::View;
+use crate::camera::single;
+
+/// A texel that misses by more standard deviations counts no more than this many.
+const MISS_SIGMAS_MAX: f32 = 4.0;
+/// Steps of the fit at most, and the step below which it is done, px.
+const STEPS_MAX: usize = 12;
+const STEP_PX_MIN: f64 = 0.03;
+/// How far the fit may lead from where it began, px, and by what share of a turn.
+const DRIFT_PX_MAX: f64 = 3.0;
+const DRIFT_RAD_MAX: f64 = 0.7;
+/// Share of the template that must be seen.
+const SEEN_MIN: f32 = 0.6;
+/// Share of the normal matrix's diagonal added to it, so that what nothing tells about stays as it is.
+const DAMPING: f64 = 1e-3;
+
+/// Where and how a part may lie.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Fit {
+    /// Place in the tray frame.
+    pub centre: Point2<f64>,
+    /// Yaw in the tray frame, rad.
+    pub yaw_rad: f64,
+    /// Mean square miss in standard deviations, capped per texel: at most about 1 where the template holds.
+    pub cost: f32,
+    /// Logarithm of how much likelier the part makes what is seen than bare floor in some shade does, summed over texels.
+    pub evidence: f32,
+}
+
+/// Logarithm of the likelihood of a level on bare floor: its square in standard deviations, and these.
+#[derive(Clone, Copy)]
+struct Bare {
+    bright_inverse_sigma: f32,
+    dark_inverse_sigma: f32,
+}
+
+impl Bare {
+    fn new(noise: f32) -> Self {
+        let inverse = |sigma: f32| 1.0 / (sigma * sigma + noise).sqrt();
+        Self { bright_inverse_sigma: inverse(BARE_BRIGHT_SIGMA), dark_inverse_sigma: inverse(BARE_DARK_SIGMA) }
+    }
+
+    /// How much likelier a level is where a part misses it by `miss` of its standard deviations, capped.
+    fn outdone(self, level: f32, miss: f32, inverse_sigma: f32) -> f32 {
+        let bare_inverse_sigma = if level < 0.0 { self.dark_inverse_sigma } else { self.bright_inverse_sigma };
+        let bare = (level * bare_inverse_sigma).clamp(-MISS_SIGMAS_MAX, MISS_SIGMAS_MAX);
+        0.5 * (bare * bare - miss * miss) + (inverse_sigma / bare_inverse_sigma).ln()
+    }
+}
+
+/// Mean square miss of a turned part at a pixel of the window and its evidence as in [`Fit`]; infinitely bad where too
+/// little of it is seen.
+pub(super) fn coarse(frame: &Segmentation, turn: &Turn, column: usize, row: usize) -> (f32, f32) {
+    let (width, height) = (frame.window.width, frame.window.height);
+    let noise = frame.sigma * frame.sigma;
+    let bare = Bare::new(noise);
+    let (mut sum, mut evidence, mut seen) = (0.0, 0.0, 0_u16);
+    for point in &turn.points {
+        let place = column.checked_add_signed(point.column).zip(row.checked_add_signed(point.row));
+        let Some((column, row)) = place.filter(|(column, row)| *column < width && *row < height) else {
+            continue;
+        };
+        let index = row * width + column;
+        if frame.bins[index] == 0 {
+            continue;
+        }
+        let level = f32::from(frame.relative[index]) * (1.0 / RELATIVE_UNITS);
+        let inverse_sigma = 1.0 / (point.variance + noise).sqrt();
+        let miss = ((level - point.value) * inverse_sigma).clamp(-MISS_SIGMAS_MAX, MISS_SIGMAS_MAX);
+        sum += miss * miss;
+        evidence += bare.outdone(level, miss, inverse_sigma);
+        seen += 1;
+    }
+    let seen = f32::from(seen);
+    if seen < SEEN_MIN * turn.points.len() as f32 {
+        (f32::INFINITY, f32::NEG_INFINITY)
+    } else {
+        (sum / seen, evidence * turn.point_weight)
+    }
+}
+
+/// The owner of what lies off the plateau.
+pub(super) const NO_PART: u16 = u16::MAX;
+
+/// What of the frame belongs to other parts already.
+pub(super) struct Owners<'a> {
+    /// The owner of each pixel of the window: a part counted from 1, [`NO_PART`] off the plateau, 0 for none.
+    pub of: &'a [u16],
+    /// Who asks.
+    pub own: u16,
+}
+
+impl Owners<'_> {
+    fn taken(&self, index: usize) -> bool {
+        let owner = self.of[index];
+        owner != 0 && owner != self.own
+    }
+}
+
+/// A texel of the template as the fit uses it.
+struct Probe {
+    /// Place in the part's directions, m.
+    place: Vector2<f64>,
+    value: f32,
+    inverse_sigma: f32,
+    /// How the miss grows with a shift along x and y (1/m) and with a turn (1/rad), over sigma.
+    slope: Vector3<f64>,
+}
+
+/// Fits a pose to a frame from a first guess: Gauss–Newton on place and yaw, the template's gradient taken at the guess
+/// (the inverse compositional form of Lucas and Kanade: Baker and Matthews 2004, "Lucas-Kanade 20 years on"). `None` if it
+/// leads astray or too little is seen.
+pub(super) fn refine(frame: &Segmentation, view: &View, sought: &Sought, start: Fit, owners: &Owners) -> Option<Fit> {
+    let turns = sought.template.yaw_symmetry != 0;
+    let tray_yaw_rad = view.platen_from_tray.rotation.angle();
+    let slant = view.slant(start.centre, sought.plane_m);
+    let aspect = Aspect { yaw_rad: start.yaw_rad + tray_yaw_rad, slant };
+    let picture = sought.template.picture(&aspect);
+    let texels_per_m = 1.0 / sought.template.texel_m;
+    let noise = frame.sigma * frame.sigma;
+    let bare = Bare::new(noise);
+    let probes: Vec<Probe> = sought
+        .texels
+        .iter()
+        .map(|index| {
+            let place = sought.template.place_m(*index);
+            let (along_x, along_y) = gradient(&picture, sought.template.side(), *index);
+            let inverse_sigma = 1.0 / (sought.variance(*index) + noise).sqrt();
+            let scale = f64::from(inverse_sigma) * texels_per_m;
+            let (x, y) = (f64::from(along_x) * scale, f64::from(along_y) * scale);
+            let turning = if turns { y * place.x - x * place.y } else { 0.0 };
+            Probe { place, value: picture[*index], inverse_sigma, slope: Vector3::new(x, y, turning) }
+        })
+        .collect();
+    let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
+    let px_from_tray = view.px_from_tray(start.centre, sought.plane_m)?;
+    let mut fit = start;
+    let mut normal = None;
+    for step in 0..=STEPS_MAX {
+        let pixel = view.pixel(fit.centre, sought.plane_m)? - corner;
+        let px_from_part = (px_from_tray * Rotation2::new(fit.yaw_rad).matrix()).map(single);
+        let pixel = pixel.map(single);
+        let (mut target, mut sum, mut evidence, mut seen) = (Vector3::zeros(), 0.0_f32, 0.0_f32, 0_u16);
+        let mut matrix = Matrix3::zeros();
+        for probe in &probes {
+            let place = pixel + px_from_part * probe.place.map(single);
+            let Some((level, index)) = frame.relative_at(place.x, place.y) else {
+                continue;
+            };
+            if owners.taken(index) {
+                continue;
+            }
+            let level = level * (1.0 / RELATIVE_UNITS);
+            let miss = (level - probe.value) * probe.inverse_sigma;
+            let miss = miss.clamp(-MISS_SIGMAS_MAX, MISS_SIGMAS_MAX);
+            evidence += bare.outdone(level, miss, probe.inverse_sigma);
+            sum += miss * miss;
+            seen += 1;
+            target += probe.slope * f64::from(miss);
+            if normal.is_none() {
+                matrix += probe.slope * probe.slope.transpose();
+            }
+        }
+        let seen = f32::from(seen);
+        if seen < SEEN_MIN * probes.len() as f32 {
+            return None;
+        }
+        fit.cost = sum / seen;
+        fit.evidence = evidence * sought.texel_weight;
+        if step == STEPS_MAX {
+            break;
+        }
+        let factors = match normal {
+            Some(factors) => factors,
+            None => {
+                let scale = Vector3::new(matrix[(0, 0)], matrix[(1, 1)], matrix[(2, 2)].max(1.0)) * DAMPING;
+                *normal.insert((matrix + Matrix3::from_diagonal(&scale)).cholesky()?)
+            }
+        };
+        let change = factors.solve(&target);
+        // The template moves by the inverse of what would bring it to the picture it shows.
+        fit.centre -= Rotation2::new(fit.yaw_rad) * change.xy();
+        fit.yaw_rad -= change.z;
+        let drift_px = (fit.centre - start.centre).norm() / sought.m_per_px;
+        if !(drift_px <= DRIFT_PX_MAX && (fit.yaw_rad - start.yaw_rad).abs() <= DRIFT_RAD_MAX) {
+            return None;
+        }
+        let rim_px = (change.xy().norm() + change.z.abs() * sought.radius_m) / sought.m_per_px;
+        if rim_px < STEP_PX_MIN {
+            break;
+        }
+    }
+    Some(fit)
+}

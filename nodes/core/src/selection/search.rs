@@ -1,0 +1,181 @@
+//! Where to look closer: the rings of brightness about a place tell, whatever the yaw, whether a part may lie there.
+
+use super::segment::{RELATIVE_UNITS, Segmentation};
+use super::sought::Sought;
+
+/// Every so many pixels both ways a place is tried.
+const STRIDE: usize = 2;
+/// A ring that misses by more standard deviations counts no more than this many.
+const MISS_SIGMAS_MAX: f32 = 3.0;
+/// Mean square miss up to which a place is looked at.
+const MISS_MAX: f32 = 6.0;
+
+/// A place where a part may lie.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Seed {
+    pub pose: usize,
+    /// Pixel of the window.
+    pub column: usize,
+    pub row: usize,
+}
+
+/// Finds places; keeps its memory from frame to frame.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Search {
+    /// Pixels about the centre, nearest first, and where each ring of them ends.
+    places: Vec<(isize, isize)>,
+    ends: Vec<usize>,
+    /// Cells of the foreground, spread as far as any pose is hollow.
+    occupied: Vec<bool>,
+    /// For each pose and place, its mean square miss.
+    misses: Vec<Vec<f32>>,
+}
+
+impl Search {
+    pub(super) fn new(sought: &[Sought]) -> Self {
+        let rings = sought.iter().map(|sought| sought.rings.len()).max().unwrap_or(0);
+        #[expect(clippy::cast_possible_wrap, reason = "a few dozen pixels")]
+        let reach = rings as isize;
+        let mut places: Vec<(usize, isize, isize)> = (-reach..=reach)
+            .flat_map(|row| (-reach..=reach).map(move |column| (column, row)))
+            .map(|(column, row)| {
+                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few dozen pixels")]
+                let ring = ((column * column + row * row) as f64).sqrt().round() as usize;
+                (ring, column, row)
+            })
+            .filter(|(ring, _, _)| *ring < rings)
+            .collect();
+        places.sort_unstable();
+        let ends = (0..rings).map(|ring| places.partition_point(|(other, _, _)| *other <= ring)).collect();
+        let places = places.into_iter().map(|(_, column, row)| (column, row)).collect();
+        Self { places, ends, occupied: Vec::new(), misses: vec![Vec::new(); sought.len()] }
+    }
+
+    /// Places worth a closer look, in the order of poses and then of the image.
+    pub(super) fn seeds(&mut self, frame: &Segmentation, sought: &[Sought]) -> Vec<Seed> {
+        let (width, height) = (frame.window.width, frame.window.height);
+        let (columns, rows) = (width / STRIDE, height / STRIDE);
+        let hollow_px = sought.iter().map(|sought| sought.hollow_px).max().unwrap_or(0);
+        self.occupy(frame, columns, rows, hollow_px.div_ceil(STRIDE));
+        for misses in &mut self.misses {
+            misses.clear();
+            misses.resize(columns * rows, f32::INFINITY);
+        }
+        let offsets: Vec<isize> = self
+            .places
+            .iter()
+            .map(|(column, row)| {
+                #[expect(clippy::cast_possible_wrap, reason = "images are at most 4096 px wide")]
+                let width = width as isize;
+                row * width + column
+            })
+            .collect();
+        let reach = self.ends.len();
+        let mut sums = vec![0.0_f32; reach];
+        let noise = frame.sigma * frame.sigma;
+        for row in 0..rows {
+            for column in 0..columns {
+                let place = row * columns + column;
+                let (x, y) = (column * STRIDE, row * STRIDE);
+                if !self.occupied[place] || frame.bins[y * width + x] == 0 {
+                    continue;
+                }
+                let whole = x >= reach && y >= reach && x + reach < width && y + reach < height;
+                if whole {
+                    self.sum_rings(&frame.relative, y * width + x, &offsets, &mut sums);
+                } else {
+                    self.sum_rings_at_border(frame, x, y, &mut sums);
+                }
+                for (misses, sought) in self.misses.iter_mut().zip(sought) {
+                    let mut miss = 0.0;
+                    for (ring, sum) in sought.rings.iter().zip(&sums) {
+                        let difference = sum - ring.mean;
+                        miss += ring.weight
+                            * (difference * difference / (ring.variance + noise))
+                                .min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
+                    }
+                    misses[place] = miss;
+                }
+            }
+        }
+        self.minima(columns, rows)
+    }
+
+    /// Marks the cells within `spread` cells of foreground.
+    fn occupy(&mut self, frame: &Segmentation, columns: usize, rows: usize, spread: usize) {
+        let width = frame.window.width;
+        let mut cells = vec![false; columns * rows];
+        for (row, line) in cells.chunks_mut(columns.max(1)).enumerate() {
+            for part in 0..STRIDE {
+                let start = (row * STRIDE + part) * width;
+                let pixels = &frame.foreground[start..start + columns * STRIDE];
+                for (cell, pixels) in line.iter_mut().zip(pixels.chunks(STRIDE)) {
+                    *cell |= pixels.iter().any(|pixel| *pixel != 0);
+                }
+            }
+        }
+        self.occupied.clear();
+        self.occupied.resize(columns * rows, false);
+        for (index, _) in cells.iter().enumerate().filter(|(_, cell)| **cell) {
+            let (column, row) = (index % columns, index / columns);
+            for row in row.saturating_sub(spread)..(row + spread + 1).min(rows) {
+                let line = row * columns;
+                let range = line + column.saturating_sub(spread)..line + (column + spread + 1).min(columns);
+                self.occupied[range].fill(true);
+            }
+        }
+    }
+
+    /// Mean relative brightness of each ring about a pixel.
+    fn sum_rings(&self, relative: &[i16], centre: usize, offsets: &[isize], means: &mut [f32]) {
+        let mut start = 0;
+        for (mean, end) in means.iter_mut().zip(&self.ends) {
+            let ring = &offsets[start..*end];
+            let sum: i32 = ring.iter().map(|offset| i32::from(relative[centre.wrapping_add_signed(*offset)])).sum();
+            *mean = sum as f32 / (ring.len() as f32 * RELATIVE_UNITS);
+            start = *end;
+        }
+    }
+
+    fn sum_rings_at_border(&self, frame: &Segmentation, x: usize, y: usize, means: &mut [f32]) {
+        let (width, height) = (frame.window.width, frame.window.height);
+        let mut start = 0;
+        for (mean, end) in means.iter_mut().zip(&self.ends) {
+            let (mut sum, mut count) = (0.0, 0.0_f32);
+            for (column, row) in &self.places[start..*end] {
+                let place = x.checked_add_signed(*column).zip(y.checked_add_signed(*row));
+                if let Some((x, y)) = place.filter(|(x, y)| *x < width && *y < height) {
+                    sum += f32::from(frame.relative[y * width + x]);
+                    count += 1.0;
+                }
+            }
+            *mean = sum / (count.max(1.0) * RELATIVE_UNITS);
+            start = *end;
+        }
+    }
+
+    /// Places where no neighbour misses by less.
+    fn minima(&self, columns: usize, rows: usize) -> Vec<Seed> {
+        let mut seeds = Vec::new();
+        for (pose, misses) in self.misses.iter().enumerate() {
+            for row in 0..rows {
+                for column in 0..columns {
+                    let here = misses[row * columns + column];
+                    if here > MISS_MAX {
+                        continue;
+                    }
+                    let near = |index: usize, size: usize| index.saturating_sub(1)..(index + 2).min(size);
+                    let mut others =
+                        near(row, rows).flat_map(|row| near(column, columns).map(move |column| row * columns + column));
+                    let place = row * columns + column;
+                    // Of equals the first counts.
+                    let lowest = others.all(|other| misses[other] > here || (misses[other] >= here && other >= place));
+                    if lowest {
+                        seeds.push(Seed { pose, column: column * STRIDE, row: row * STRIDE });
+                    }
+                }
+            }
+        }
+        seeds
+    }
+}

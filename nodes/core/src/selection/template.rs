@@ -1,0 +1,228 @@
+//! What a part looks like from above in one resting pose, as a function of where and how it lies.
+//!
+//! Brightness is counted relative to the bare plateau. In the part's own directions it is, to first order, a mean picture
+//! plus what the lamp's direction and the slant of the line of sight add:
+//!
+//! I(u) = M(u) + C(u) cos ψ + S(u) sin ψ + C₂(u) cos 2ψ + S₂(u) sin 2ψ + X(u) a + Y(u) b,
+//!
+//! with ψ the part's yaw against the camera, which is the lamp's too, within one period of its symmetry, and (a, b) the slant
+//! in the part's directions. The seven pictures and the scatter about them are learned from images.
+
+use nalgebra::{Point2, Rotation2, Vector2};
+use serde::{Deserialize, Serialize};
+
+use super::segment::{Plateau, RADIAL_BINS, TaughtLight};
+use crate::camera::{InvalidValue, require, single};
+
+/// Pictures that make up a template.
+pub(super) const PLANES: usize = 7;
+/// Slant of the line of sight for which the pictures X and Y are stated.
+const SLANT_UNIT: f64 = 0.1;
+/// Steps of brightness in a stored picture, per unit.
+const STORED_STEPS: f32 = 100.0;
+/// Largest side of a picture, texels.
+pub(super) const SIDE_MAX: usize = 161;
+
+/// A picture of small numbers, row by row.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Vec<String>", into = "Vec<String>")]
+pub struct Plane {
+    width: usize,
+    values: Vec<f32>,
+}
+
+impl Plane {
+    pub(super) fn new(width: usize, values: Vec<f32>) -> Self {
+        Self { width, values }
+    }
+
+    /// The values, row by row.
+    pub(super) fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    fn is_square(&self, side: usize) -> bool {
+        self.width == side && self.values.len() == side * side
+    }
+}
+
+impl From<Plane> for Vec<String> {
+    /// A row is a line of two hexadecimal digits per entry: hundredths above −128.
+    fn from(plane: Plane) -> Self {
+        let digits = |value: &f32| {
+            let level = crate::camera::grey_level(value * STORED_STEPS + 128.0);
+            format!("{level:02x}")
+        };
+        plane.values.chunks(plane.width.max(1)).map(|row| row.iter().map(digits).collect()).collect()
+    }
+}
+
+impl TryFrom<Vec<String>> for Plane {
+    type Error = String;
+
+    fn try_from(rows: Vec<String>) -> Result<Self, String> {
+        let digits = rows.first().map_or(0, String::len);
+        let mut values = Vec::with_capacity(rows.len() * digits / 2);
+        for row in &rows {
+            let bytes = row.as_bytes();
+            if bytes.len() != digits || !digits.is_multiple_of(2) || digits == 0 {
+                return Err(format!("a row has {} digits; allowed: two an entry, as many in every row", bytes.len()));
+            }
+            for pair in bytes.chunks(2) {
+                let level = std::str::from_utf8(pair).ok().and_then(|pair| u8::from_str_radix(pair, 16).ok());
+                let level = level.ok_or_else(|| format!("{row:?} holds something else than hexadecimal digits"))?;
+                values.push((f32::from(level) - 128.0) / STORED_STEPS);
+            }
+        }
+        Ok(Self { width: digits / 2, values })
+    }
+}
+
+/// A taught resting pose.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PoseTemplate {
+    /// Height of the part as it lies, m.
+    pub height_m: f64,
+    /// The turn by one over this many leaves the part as it was; 0 if any turn does.
+    pub yaw_symmetry: u32,
+    /// Size of a texel, m.
+    pub texel_m: f64,
+    /// Mean picture: brightness above the plateau's.
+    pub mean: Plane,
+    /// What is added per cosine of the yaw.
+    pub yaw_cos: Plane,
+    /// What is added per sine of the yaw.
+    pub yaw_sin: Plane,
+    /// What is added per cosine of twice the yaw.
+    pub yaw_cos_2: Plane,
+    /// What is added per sine of twice the yaw.
+    pub yaw_sin_2: Plane,
+    /// What is added per slant of 0.1 along the part's x.
+    pub slant_x: Plane,
+    /// What is added per slant of 0.1 along the part's y.
+    pub slant_y: Plane,
+    /// Standard deviation about all that.
+    pub deviation: Plane,
+    /// Convex outline in the part's directions, counter-clockwise, m: what a gripper must reach round.
+    pub outline_m: Vec<Point2<f64>>,
+}
+
+/// How a part lies towards lamp and camera.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Aspect {
+    /// Yaw against the platen, rad.
+    pub yaw_rad: f64,
+    /// Slant of the line of sight: way outwards per descent, platen frame.
+    pub slant: Vector2<f64>,
+}
+
+impl Aspect {
+    /// The factors of the seven pictures.
+    pub(super) fn factors(&self) -> [f64; PLANES] {
+        let slant = Rotation2::new(-self.yaw_rad) * self.slant / SLANT_UNIT;
+        let (sin, cos) = self.yaw_rad.sin_cos();
+        let (sin_2, cos_2) = (2.0 * self.yaw_rad).sin_cos();
+        [1.0, cos, sin, cos_2, sin_2, slant.x, slant.y]
+    }
+}
+
+impl PoseTemplate {
+    /// Texels along a side.
+    pub(super) fn side(&self) -> usize {
+        self.mean.width
+    }
+
+    /// Place of a texel in the part's directions, m.
+    pub(super) fn place_m(&self, index: usize) -> Vector2<f64> {
+        let middle = (self.side() / 2) as f64;
+        let place = |index: usize| (index as f64 - middle) * self.texel_m;
+        Vector2::new(place(index % self.side()), place(index / self.side()))
+    }
+
+    fn planes(&self) -> [&Plane; PLANES] {
+        [&self.mean, &self.yaw_cos, &self.yaw_sin, &self.yaw_cos_2, &self.yaw_sin_2, &self.slant_x, &self.slant_y]
+    }
+
+    /// The picture expected under an aspect: brightness above the plateau's.
+    pub(super) fn picture(&self, aspect: &Aspect) -> Vec<f32> {
+        let factors = aspect.factors().map(single);
+        let planes = self.planes();
+        let mut picture = vec![0.0; self.mean.values.len()];
+        for (plane, factor) in planes.into_iter().zip(factors) {
+            for (sum, value) in picture.iter_mut().zip(&plane.values) {
+                *sum += factor * value;
+            }
+        }
+        picture
+    }
+
+    /// Checks every number.
+    pub(super) fn validate(&self) -> Result<(), InvalidValue> {
+        require((0.0..=0.1).contains(&self.height_m), "part_model.poses.height_m", self.height_m, "0 to 0.1 m")?;
+        let symmetry_ok = self.yaw_symmetry <= 360;
+        require(symmetry_ok, "part_model.poses.yaw_symmetry", self.yaw_symmetry.into(), "0 to 360")?;
+        let texel_ok = (1e-6..=0.01).contains(&self.texel_m);
+        require(texel_ok, "part_model.poses.texel_m", self.texel_m, "1e-6 to 0.01 m")?;
+        let side = self.side();
+        let side_ok = !side.is_multiple_of(2) && side <= SIDE_MAX && self.mean.is_square(side);
+        require(side_ok, "part_model.poses.mean", side as f64, "a square of an odd number of texels up to 161")?;
+        for plane in self.planes().into_iter().chain([&self.deviation]) {
+            require(plane.is_square(side), "part_model.poses", plane.width as f64, "pictures of one size")?;
+        }
+        let reach_m = self.outline_m.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max);
+        let outline_ok = self.outline_m.len() >= 3 && reach_m > 0.0 && reach_m < 0.5 * side as f64 * self.texel_m;
+        require(outline_ok, "part_model.poses.outline_m", reach_m, "three corners or more, within the pictures")
+    }
+}
+
+/// A taught part.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartModel {
+    /// Light on the bare plateau when the part was taught: coefficients of 1, u, v, u², uv, v² of its grey level, with u
+    /// and v from −1 to 1 across the picture.
+    pub plateau_light: [f32; 6],
+    /// Grey level of the hub's top when the part was taught: by it a frame tells how the light has changed.
+    pub hub_level: f32,
+    /// Brightness of the bare plateau above the middle's and relative to it, in bins from the inner wall to the outer: a row
+    /// of constants, one per cosine and one per sine of the direction from the tray's centre on the platen.
+    pub plateau_shade: Plane,
+    /// The part in each resting pose.
+    pub poses: Vec<PoseTemplate>,
+}
+
+impl PartModel {
+    /// Checks every number.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidValue`] naming the field out of range.
+    pub fn validate(&self) -> Result<(), InvalidValue> {
+        let [level, ..] = self.plateau_light;
+        let light_ok = (1.0..=255.0).contains(&level) && self.plateau_light.iter().all(|c| c.abs() <= 255.0);
+        require(light_ok, "part_model.plateau_light", level.into(), "a level of 1 to 255, and changes no larger")?;
+        let hub_ok = (1.0..=255.0).contains(&self.hub_level);
+        require(hub_ok, "part_model.hub_level", self.hub_level.into(), "1 to 255")?;
+        let shade = &self.plateau_shade;
+        let shade_ok = shade.width == RADIAL_BINS && shade.values.len() == 3 * RADIAL_BINS;
+        require(shade_ok, "part_model.plateau_shade", shade.width as f64, "three rows of 200 entries")?;
+        for [constant, cos, sin] in self.shades() {
+            let least = f64::from(constant - cos.hypot(sin));
+            require(least >= 0.1, "part_model.plateau_shade", least, "a brightness above 0.1 in any direction")?;
+        }
+        require(!self.poses.is_empty(), "part_model.poses", 0.0, "at least one")?;
+        self.poses.iter().try_for_each(PoseTemplate::validate)
+    }
+
+    /// For each radial bin the brightness relative to the middle's: constant, per cosine and per sine.
+    fn shades(&self) -> impl Iterator<Item = [f32; 3]> {
+        let row = |index: usize| self.plateau_shade.values[index * RADIAL_BINS..(index + 1) * RADIAL_BINS].iter();
+        row(0).zip(row(1)).zip(row(2)).map(|((constant, cos), sin)| [1.0 + constant, *cos, *sin])
+    }
+
+    pub(super) fn plateau(&self) -> Plateau {
+        let shade = std::iter::once([1.0, 0.0, 0.0]).chain(self.shades()).collect();
+        Plateau { taught: Some(TaughtLight { light: self.plateau_light, hub_level: self.hub_level }), shade }
+    }
+}
