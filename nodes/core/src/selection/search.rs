@@ -7,8 +7,8 @@ use super::sought::Sought;
 const STRIDE: usize = 2;
 /// A ring that misses by more standard deviations counts no more than this many.
 const MISS_SIGMAS_MAX: f32 = 3.0;
-/// Mean square miss up to which a place is looked at.
-const MISS_MAX: f32 = 6.0;
+/// The largest mean square miss there can be.
+pub(super) const MISS_MAX: f32 = MISS_SIGMAS_MAX * MISS_SIGMAS_MAX;
 
 /// A place where a part may lie.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +29,8 @@ pub(super) struct Search {
     occupied: Vec<bool>,
     /// For each pose and place, its mean square miss.
     misses: Vec<Vec<f32>>,
+    /// Places in a row of the latest frame.
+    columns: usize,
 }
 
 impl Search {
@@ -48,7 +50,7 @@ impl Search {
         places.sort_unstable();
         let ends = (0..rings).map(|ring| places.partition_point(|(other, _, _)| *other <= ring)).collect();
         let places = places.into_iter().map(|(_, column, row)| (column, row)).collect();
-        Self { places, ends, occupied: Vec::new(), misses: vec![Vec::new(); sought.len()] }
+        Self { places, ends, occupied: Vec::new(), misses: vec![Vec::new(); sought.len()], columns: 0 }
     }
 
     /// Places worth a closer look, in the order of poses and then of the image.
@@ -98,7 +100,16 @@ impl Search {
                 }
             }
         }
-        self.minima(columns, rows)
+        self.columns = columns;
+        self.minima(columns, rows, sought)
+    }
+
+    /// The least mean square miss of a pose in the latest frame within a place of a pixel of the window.
+    pub(super) fn miss_near(&self, pose: usize, column: usize, row: usize) -> f32 {
+        let near = |index: usize| (index / STRIDE).saturating_sub(1)..=index / STRIDE + 1;
+        let columns = self.columns;
+        let places = near(row).flat_map(|row| near(column).map(move |column| row * columns + column));
+        places.filter_map(|place| self.misses[pose].get(place)).copied().fold(MISS_MAX, f32::min)
     }
 
     /// Marks the cells within `spread` cells of foreground.
@@ -155,13 +166,13 @@ impl Search {
     }
 
     /// Places where no neighbour misses by less.
-    fn minima(&self, columns: usize, rows: usize) -> Vec<Seed> {
+    fn minima(&self, columns: usize, rows: usize, sought: &[Sought]) -> Vec<Seed> {
         let mut seeds = Vec::new();
-        for (pose, misses) in self.misses.iter().enumerate() {
+        for (pose, (misses, sought)) in self.misses.iter().zip(sought).enumerate() {
             for row in 0..rows {
                 for column in 0..columns {
                     let here = misses[row * columns + column];
-                    if here > MISS_MAX {
+                    if here > sought.template.ring_miss_max {
                         continue;
                     }
                     let near = |index: usize, size: usize| index.saturating_sub(1)..(index + 2).min(size);

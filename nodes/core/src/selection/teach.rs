@@ -7,6 +7,7 @@ use nalgebra::{Isometry2, Matrix3, Point2, Rotation2, SMatrix, SVector, Vector2}
 use serde::{Deserialize, Serialize};
 
 use super::detector::Detector;
+use super::search::MISS_MAX;
 use super::segment::{Plateau, PlateauSums, RADIAL_BINS, RELATIVE_UNITS, Segmentation, TaughtLight, hub_level};
 use super::template::{Aspect, PLANES, PartModel, Plane, PoseTemplate, SIDE_MAX};
 use super::view::{RayTable, View};
@@ -24,6 +25,9 @@ const RIDGE: f64 = 1.0;
 /// Share of the parts shown in a pose that must be recognised, once it is learned, and that may be taken for another.
 const RECOGNISED_RATIO_MIN: f64 = 0.6;
 const MISTAKEN_RATIO_MAX: f64 = 0.04;
+/// What the rings of parts among others may miss by more than those of parts shown: relative, and beside.
+const RING_ALLOWANCE_RATIO: f32 = 1.5;
+const RING_ALLOWANCE: f32 = 1.0;
 /// How far from where it was laid a part is recognised as the same, relative to its radius.
 const SAME_PLACE_RATIO: f64 = 0.3;
 
@@ -163,6 +167,7 @@ pub fn teach(
         model.poses.push(lesson.template(pose, views)?);
     }
     model.validate()?;
+    measure_rings(frames, camera, tray, spec, &mut model)?;
     examine(frames, camera, tray, spec, &model)?;
     Ok(model)
 }
@@ -313,6 +318,7 @@ impl Lesson<'_> {
         Ok(PoseTemplate {
             height_m: spec.height_m,
             yaw_symmetry: spec.yaw_symmetry,
+            ring_miss_max: 0.0,
             texel_m: self.texel_m(),
             mean,
             yaw_cos,
@@ -330,6 +336,33 @@ impl Lesson<'_> {
 fn shade_plane(plateau: &Plateau) -> Plane {
     let row = |index: usize, base: f32| plateau.shade[1..].iter().map(move |shade| shade[index] - base);
     Plane::new(RADIAL_BINS, row(0, 1.0).chain(row(1, 0.0)).chain(row(2, 0.0)).collect())
+}
+
+/// Learns how well the rings of brightness about a part fit: from the parts shown, with some allowance for neighbours.
+fn measure_rings(
+    frames: &[TeachFrame],
+    camera: &CameraModel,
+    tray: &MountedTray,
+    spec: &TeachSpec,
+    model: &mut PartModel,
+) -> Result<(), TeachError> {
+    let mut detector = Detector::new(camera, tray, model);
+    let mut misses: Vec<Vec<f32>> = vec![Vec::new(); spec.poses.len()];
+    for (index, frame) in frames.iter().enumerate().filter(|(_, frame)| !frame.parts.is_empty()) {
+        detector
+            .find(frame.image, &frame.platen_from_tray, spec.contrast_min_levels, 0.0)
+            .map_err(|source| TeachError::Frame { index, source })?;
+        let view = detector.view(&frame.platen_from_tray);
+        for part in frame.parts {
+            misses[part.pose].extend(detector.ring_miss(&view, part.pose, part.place));
+        }
+    }
+    for (pose, misses) in model.poses.iter_mut().zip(&mut misses) {
+        misses.sort_by(f32::total_cmp);
+        let most = misses.get(misses.len() * 98 / 100).copied().unwrap_or(0.0);
+        pose.ring_miss_max = (RING_ALLOWANCE_RATIO * most + RING_ALLOWANCE).min(MISS_MAX);
+    }
+    Ok(())
 }
 
 /// Whether what was learned recognises what it was learned from.

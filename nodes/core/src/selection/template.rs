@@ -11,6 +11,7 @@
 use nalgebra::{Point2, Rotation2, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::search::MISS_MAX;
 use super::segment::{Plateau, RADIAL_BINS, TaughtLight};
 use crate::camera::{InvalidValue, require, single};
 
@@ -86,6 +87,8 @@ pub struct PoseTemplate {
     pub height_m: f64,
     /// The turn by one over this many leaves the part as it was; 0 if any turn does.
     pub yaw_symmetry: u32,
+    /// Mean square miss of the rings of brightness, in their standard deviations, up to which a place is looked at closely.
+    pub ring_miss_max: f32,
     /// Size of a texel, m.
     pub texel_m: f64,
     /// Mean picture: brightness above the plateau's.
@@ -162,6 +165,8 @@ impl PoseTemplate {
         require((0.0..=0.1).contains(&self.height_m), "part_model.poses.height_m", self.height_m, "0 to 0.1 m")?;
         let symmetry_ok = self.yaw_symmetry <= 360;
         require(symmetry_ok, "part_model.poses.yaw_symmetry", self.yaw_symmetry.into(), "0 to 360")?;
+        let miss_ok = (0.0..=MISS_MAX).contains(&self.ring_miss_max);
+        require(miss_ok, "part_model.poses.ring_miss_max", self.ring_miss_max.into(), "0 to 9")?;
         let texel_ok = (1e-6..=0.01).contains(&self.texel_m);
         require(texel_ok, "part_model.poses.texel_m", self.texel_m, "1e-6 to 0.01 m")?;
         let side = self.side();
