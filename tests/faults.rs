@@ -156,10 +156,11 @@ const BAD_SCENARIOS: &[Bad] = &[
     },
     Bad {
         what: "a text for a number",
-        section: "part",
-        key: "mass_kg",
-        new: "mass_kg: heavy",
-        said: &["mass_kg: heavy", "line"],
+        section: "",
+        key: "part",
+        new: "part: { name: p, density_kg_m3: heavy, friction_static: 0.2, friction_kinetic: 0.2, reflectance: 0.5, \
+              shape: { solids: [{ extruded: { outline: { circle: { radius_m: 0.003 } }, z_m: [0, 0.001] } }] }, wanted_poses: [pose_1] }",
+        said: &["heavy", "line"],
     },
     Bad {
         what: "a fraction for a count",
@@ -213,24 +214,42 @@ const BAD_SCENARIOS: &[Bad] = &[
     },
     Bad {
         what: "a part of no size",
-        section: "part",
-        key: "diameter_m",
-        new: "diameter_m: 0",
-        said: &["part", "diameter_m", "0"],
+        section: "",
+        key: "part",
+        new: "part: { name: p, density_kg_m3: 1000, friction_static: 0.2, friction_kinetic: 0.2, reflectance: 0.5, \
+              shape: { solids: [{ extruded: { outline: { circle: { radius_m: 0 } }, z_m: [0, 0.001] } }] }, wanted_poses: [pose_1] }",
+        said: &["part", "radius_m = 0", "above 0"],
     },
     Bad {
-        what: "chances that do not add up",
-        section: "part",
-        key: "[",
-        new: "[0.35, 0.75]",
-        said: &["dropoff_transition", "1.1", "allowed is 1"],
+        what: "a part without friction",
+        section: "",
+        key: "part",
+        new: "part: { name: p, density_kg_m3: 1000, friction_static: 0, friction_kinetic: 0, reflectance: 0.5, \
+              shape: { solids: [{ extruded: { outline: { circle: { radius_m: 0.003 } }, z_m: [0, 0.001] } }] }, wanted_poses: [pose_1] }",
+        said: &["part", "friction_static = 0", "allowed"],
+    },
+    Bad {
+        what: "a part larger than the path",
+        section: "",
+        key: "part",
+        new: "part: { name: p, density_kg_m3: 1000, friction_static: 0.2, friction_kinetic: 0.2, reflectance: 0.5, \
+              shape: { solids: [{ extruded: { outline: { circle: { radius_m: 0.04 } }, z_m: [0, 0.001] } }] }, wanted_poses: [pose_1] }",
+        said: &["bulk", "0.08", "width of the tray's path"],
+    },
+    Bad {
+        what: "a part that nobody knows",
+        section: "",
+        key: "part",
+        new: "part: gromet",
+        said: &["part", "gromet"],
     },
     Bad {
         what: "a pose that the part does not have",
-        section: "part",
-        key: "wanted_pose",
-        new: "wanted_pose: sideways",
-        said: &["wanted_pose", "sideways", "hole_up"],
+        section: "",
+        key: "part",
+        new: "part: { name: p, density_kg_m3: 1000, friction_static: 0.2, friction_kinetic: 0.2, reflectance: 0.5, \
+              shape: { solids: [{ extruded: { outline: { circle: { radius_m: 0.003 } }, z_m: [0, 0.001] } }] }, wanted_poses: [sideways] }",
+        said: &["wanted_poses", "sideways", "pose_1"],
     },
     Bad {
         what: "a waveform the courier cannot follow",

@@ -37,6 +37,7 @@ SLOPES_DEG = {"ramp": math.degrees(math.atan(0.02 / math.pi / RADIUS_M)), "plate
 TRAY_KG = 1000.0
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
+FEEDER = REPOSITORY / "target/release/feeder"
 
 OPTIONS = """
   <option timestep="{step}" gravity="0 0 -{gravity}" cone="elliptic" impratio="10" solver="Newton" integrator="Euler"/>
@@ -74,6 +75,11 @@ PART = """
     <body pos="{x} {y} {z}"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/><joint type="slide" axis="0 0 1"/>
       <geom type="sphere" size="{ball}" mass="0.001" contype="2" conaffinity="1"/></body>
 """
+# The catalogue's block, 6 x 4 x 3 mm, free to tumble and to touch others.
+BLOCK = """
+    <body pos="{x} {y} {z}" euler="0 0 {yaw}"><freejoint/>
+      <geom type="box" size=".003 .002 .0015" density="7900" contype="3" conaffinity="3"/></body>
+"""
 BALL_M = 0.001
 SECTORS = 60
 RINGS = 6
@@ -106,7 +112,7 @@ def sampled(steps):
 
 def feeder(*arguments):
     """JSON that the feeder command prints."""
-    command = [REPOSITORY / "target/release/feeder", *map(str, arguments)]
+    command = [FEEDER, *map(str, arguments)]
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
@@ -142,16 +148,54 @@ def tray_model(surface, step_s, parts):
                         corners += [radius * math.cos(angle), radius * math.sin(angle), height]
             meshes += f'<mesh name="s{i}_{ring}" vertex="{" ".join(map(repr, corners))}"/>'
             sectors += f'<geom type="mesh" mesh="s{i}_{ring}" mass="0"/>'
+    return TRAY.format(
+        options=OPTIONS.format(step=step_s, gravity=GRAVITY, mu=MU), meshes=meshes, sectors=sectors,
+        inertia=TRAY_KG, parts=blocks() if surface == "blocks" else balls(surface, parts),
+    )
+
+
+def balls(surface, parts):
+    """Parts that cannot turn, in the middle of a surface."""
     balls = ""
     for i in range(parts):
         # Within 20 degrees of the middle, so that all stay on the surface.
         angle = (0.5 + 0.5 / SECTORS if surface == "ramp" else 1.5) * math.pi + 0.35 * (2 * i / max(parts - 1, 1) - 1) * (parts > 1)
         height = (RISE_M * angle / math.pi if surface == "ramp" else RISE_M) + 1.003 * BALL_M
         balls += PART.format(x=RADIUS_M * math.cos(angle), y=RADIUS_M * math.sin(angle), z=height, ball=BALL_M)
-    return TRAY.format(
-        options=OPTIONS.format(step=step_s, gravity=GRAVITY, mu=MU), meshes=meshes, sectors=sectors,
-        inertia=TRAY_KG, parts=balls,
-    )
+    return balls
+
+
+def blocks():
+    """Fifty blocks in two rows over ramp and plateau."""
+    text = ""
+    for i in range(50):
+        angle = 0.15 + (i // 2) * (2.0 * math.pi - 0.3) / 24
+        radius = (0.074, 0.085)[i % 2]
+        height = RISE_M * min(angle / math.pi, 1.0) + 0.0018
+        text += BLOCK.format(x=radius * math.cos(angle), y=radius * math.sin(angle), z=height, yaw=math.degrees(angle))
+    return text
+
+
+def bulk():
+    """Fifty blocks in each of the three engines, simulated seconds per wall second."""
+    steps, periods = 67, 15
+    model = mujoco.MjModel.from_xml_string(tray_model("blocks", PERIOD_S / steps, 50))
+    data = mujoco.MjData(model)
+    for _ in range(100):
+        mujoco.mj_step(model, data)
+    state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    control = np.tile(np.array(sampled(steps)) / RADIUS_M, periods).reshape(1, -1, 1)
+    started = time.perf_counter()
+    mujoco.rollout.rollout(model, data, state[None, :], control)
+    other = periods * PERIOD_S / (time.perf_counter() - started)
+    print("\n50 blocks of 6 x 4 x 3 mm, steps of 0.5 ms, simulated seconds per wall second")
+    print(f"{'MuJoCo ' + mujoco.__version__:44} {other:10.3g}")
+    for row in feeder("bulk", "speed", "--part", "block", "--count", 50, "--rapier", "--duration", 20):
+        own, rapier = row["sim_s_per_wall_s"], row["rapier3d_sim_s_per_wall_s"]
+        print(f"{'rapier3d, ' + row['waveform']:44} {rapier:10.3g}")
+        name = "this project, " + row["waveform"]
+        print(f"{name:44} {own:10.3g}   {own / other:.3g} x MuJoCo, {own / rapier:.3g} x rapier3d")
 
 
 def mujoco_run(kind, surface, steps, periods, parts, repeats):
@@ -205,7 +249,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--periods", type=int, default=60, help="periods that MuJoCo runs")
     parser.add_argument("--repeats", type=int, default=4, help="runs of which the best is taken")
+    parser.add_argument("--feeder", type=pathlib.Path, default=FEEDER, help="the feeder command")
+    parser.add_argument("--only-bulk", action="store_true", help="only the fifty blocks, with rapier3d as well")
     options = parser.parse_args()
+    globals()["FEEDER"] = options.feeder
+    if options.only_bulk:
+        bulk()
+        return
 
     lone = {}
     print(f"MuJoCo {mujoco.__version__}")
@@ -231,6 +281,7 @@ def main():
         held = [(5e-4, (after - before) / 5e-4) for before, after in zip(edges, edges[1:])]
         change = exact_feed(held, slope_deg) / exact_feed(segments(), slope_deg) - 1
         print(f"this project, {surface}, 2 kHz samples against the ideal waveform: {change:.2%}")
+    bulk()
 
 
 if __name__ == "__main__":

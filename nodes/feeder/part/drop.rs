@@ -224,3 +224,47 @@ fn insert(
 fn vector(v: &Vector3<f64>) -> Vector {
     Vector::new(v.x, v.y, v.z)
 }
+
+#[cfg(test)]
+mod tests {
+    use feeder_core::parts::PartSource;
+
+    use super::*;
+
+    fn args(drops: u32) -> super::super::Args {
+        super::super::Args { part: None, drop: true, drops, seed: 5, height: 0.02, speed: 0.05, restitution: 0.2 }
+    }
+
+    /// Another seed must find the table of the catalogue again, and the quasi-static estimate of the stable poses must be
+    /// near what rigid bodies do.
+    #[test]
+    fn val_drops_agree_with_the_catalogue_and_with_the_estimate() {
+        let drops = 120;
+        for name in ["block", "hex_nut"] {
+            let spec = PartSource::Name(name.to_owned()).spec().unwrap();
+            let stored = spec.drops.clone().unwrap();
+            let part = PartType::new(&spec).unwrap();
+            let table = drop_table(&part, &args(drops)).unwrap();
+            assert_eq!((&table.poses, &table.fingerprint), (&stored.poses, &stored.fingerprint));
+            let rows = table.dropoff.iter().chain([&table.poured]).zip(stored.dropoff.iter().chain([&stored.poured]));
+            for (found, expected) in rows {
+                for (found, expected) in found.iter().zip(expected) {
+                    // Four standard deviations of both counts, and one drop.
+                    let spread = expected * (1.0 - expected) * (1.0 / f64::from(drops) + 1.0 / f64::from(stored.drops));
+                    let tolerance = 4.0 * spread.sqrt() + 1.0 / f64::from(drops);
+                    assert!((found - expected).abs() <= tolerance, "{name}: {table:?}");
+                }
+            }
+            for (pose, poured) in part.poses.iter().zip(&stored.poured) {
+                assert!((pose.probability - poured).abs() < 0.2, "{name}/{}: {poured}", pose.name);
+            }
+        }
+    }
+
+    #[test]
+    fn shares_add_up_to_one() {
+        let shares = shares(&[1, 1, 1]).unwrap();
+        assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        assert_eq!(super::shares(&[0, 0]), None);
+    }
+}

@@ -96,7 +96,7 @@ impl PartBulk {
     /// # Errors
     /// If the tray's geometry, the part's size or a setting is out of range.
     pub fn new(tray: TrayGeometry, part: PartType, settings: BulkSettings, seed: u64) -> Result<Self, BulkError> {
-        settings::check_tray(&tray, &part)?;
+        settings::check_fit(&tray, &part)?;
         settings.check(&tray, &part)?;
         let track = Track::new(&tray, &part, &settings);
         let law = ContactLaw { restitution: settings.part_restitution, friction: settings.part_friction };

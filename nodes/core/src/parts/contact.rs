@@ -15,7 +15,7 @@ const LARGEST_OVERLAP: f64 = 0.01;
 const SWEEPS_PER_STEP: usize = 4;
 
 /// Sweeps spent at the end of a block to push the last parts apart.
-const SWEEPS_PER_BLOCK: usize = 100;
+const SWEEPS_PER_BLOCK: usize = 400;
 
 /// Distance, as a share of the least width of a part, up to which pairs are kept on the list beyond touching.
 const LIST_MARGIN: f64 = 0.5;

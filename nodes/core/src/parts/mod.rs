@@ -44,5 +44,5 @@ pub use motion_check::{
 pub use observer::{Departure, FeedObserver, FeedReport, Sighting};
 pub use part::{Part, PickedPart, Place};
 pub use part_type::{PartProblem, PartType, PartTypeError};
-pub use settings::{BulkError, BulkSettings};
+pub use settings::{BulkError, BulkSettings, check_fit};
 pub use spec::{DropTable, PartSpec, PoseName};

@@ -76,7 +76,11 @@ fn require(allowed: bool, key: &'static str, value: f64, range: impl FnOnce() ->
     if allowed && value.is_finite() { Ok(()) } else { Err(BulkError { key, value, allowed: range() }) }
 }
 
-pub(super) fn check_tray(tray: &TrayGeometry, part: &PartType) -> Result<(), BulkError> {
+/// Checks that a tray is one and that parts fit onto its path.
+///
+/// # Errors
+/// What is out of range.
+pub fn check_fit(tray: &TrayGeometry, part: &PartType) -> Result<(), BulkError> {
     let inner = tray.inner_radius_m;
     require(inner > 0.0, "tray.inner_radius_m", inner, || "(0, ∞) m".to_owned())?;
     let outer = tray.outer_radius_m;
@@ -137,7 +141,7 @@ mod tests {
     #[test]
     fn the_defaults_suit_the_paper_tray() {
         let part = disc(0.005, 0.2);
-        check_tray(&TrayGeometry::PAPER, &part).unwrap();
+        check_fit(&TrayGeometry::PAPER, &part).unwrap();
         BulkSettings::default().check(&TrayGeometry::PAPER, &part).unwrap();
     }
 
@@ -170,13 +174,13 @@ mod tests {
 
     #[test]
     fn a_part_wider_than_the_path_or_higher_than_the_drop_is_refused() {
-        let wide = check_tray(&TrayGeometry::PAPER, &disc(0.061, 0.2)).unwrap_err();
+        let wide = check_fit(&TrayGeometry::PAPER, &disc(0.061, 0.2)).unwrap_err();
         assert_eq!(wide.key, "the part's largest width");
         let flat = TrayGeometry { rise_m: 0.0005, ..TrayGeometry::PAPER };
-        let high = check_tray(&flat, &disc(0.005, 0.2)).unwrap_err();
+        let high = check_fit(&flat, &disc(0.005, 0.2)).unwrap_err();
         assert_eq!(high.key, "the part's largest height");
         let steep = TrayGeometry { ramp_angle_rad: 5.0, ..TrayGeometry::PAPER };
-        let error = check_tray(&steep, &disc(0.005, 0.2)).unwrap_err();
+        let error = check_fit(&steep, &disc(0.005, 0.2)).unwrap_err();
         assert_eq!((error.key, error.value), ("tray.ramp_angle_rad", 5.0));
     }
 }

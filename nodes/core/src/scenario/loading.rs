@@ -5,7 +5,7 @@ use crate::gravity::STANDARD_GRAVITY_M_S2;
 use crate::mechanics::annular::AnnularTrack;
 use crate::mechanics::map::TrayMap;
 use crate::mechanics::{Friction, MechanicsError};
-use crate::parts::{BulkSettings, PartType};
+use crate::parts::{BulkSettings, PartType, check_fit};
 
 /// Parts are loaded where they climb at least at this share of the speed they have at the outer wall.
 const LOADING_SPEED_SHARE: f64 = 0.5;
@@ -20,6 +20,7 @@ impl Scenario {
     /// # Errors
     /// A waveform under which parts climb nowhere, or a loading radius inside the critical one.
     pub fn bulk_settings(&self, part: &PartType) -> Result<BulkSettings, ScenarioError> {
+        check_fit(&self.tray.geometry, part).map_err(|error| invalid("bulk", &error))?;
         let mut settings = self.bulk;
         if settings.critical_radius_m.is_none() || settings.loading_inner_radius_m.is_none() {
             let climbing = self.climbing(part).map_err(|error| invalid("bulk", &error))?;
