@@ -57,7 +57,7 @@ fn the_built_in_scenario_delivers_parts_the_right_way_up_and_without_slip() {
     }
 }
 
-/// Parts are carried with 97 % of what friction holds; 20 % more is too much, and the measure of slip must say so. It
+/// Parts are carried with 95.5 % of what friction holds; 20 % more is too much, and the measure of slip must say so. It
 /// looks at the delivered part, so that one must be what sets the limit, not the parts on the ramp, which hold less.
 #[test]
 fn parts_carried_too_fast_are_seen_to_slip() {

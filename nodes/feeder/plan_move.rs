@@ -141,7 +141,7 @@ mod tests {
 
     fn args(distance: f64, mu: f64, policy: Protect) -> Args {
         let distance = Some(distance);
-        Args { distance, sweep: false, turn: 0.0, mu, jerk: 100.0, policy, ramp_radius: 0.09, friction_share: 0.97 }
+        Args { distance, sweep: false, turn: 0.0, mu, jerk: 100.0, policy, ramp_radius: 0.09, friction_share: 0.955 }
     }
 
     #[test]

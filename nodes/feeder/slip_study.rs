@@ -144,7 +144,7 @@ impl Bench {
                 random.random_range(-0.45..0.45),
                 random.random_range(-0.45..0.45),
                 // The waveform that is kept ready needs some of the 2° for itself.
-                random.random_range(-0.03..0.03),
+                random.random_range(-0.02..0.02),
             );
             if (to - self.at).xy().norm() > 0.02 {
                 break to;

@@ -30,7 +30,7 @@ pub struct GentleParameters {
 
 impl Default for GentleParameters {
     fn default() -> Self {
-        Self { friction: 0.2, friction_share: 0.97, jerk_m_s3_max: 100.0, gravity_m_s2: STANDARD_GRAVITY_M_S2 }
+        Self { friction: 0.2, friction_share: 0.955, jerk_m_s3_max: 100.0, gravity_m_s2: STANDARD_GRAVITY_M_S2 }
     }
 }
 

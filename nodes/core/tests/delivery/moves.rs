@@ -224,7 +224,7 @@ fn verif_parts_stay_where_they_are_and_slide_when_the_limit_is_set_too_high() {
             let to = Vector3::new(x_m, y_m, 0.0);
             // 10 µm is required; the assumed plant's noise and lag cost a few.
             for plant in [PlantParameters::IDEAL, PlantParameters::assumed()] {
-                let slip_m = slip_m(plant, 0.97, to, part, index as u64);
+                let slip_m = slip_m(plant, GentleParameters::default().friction_share, to, part, index as u64);
                 assert!(slip_m <= 10e-6, "{part} {to}: {slip_m}");
             }
             let slip_m = slip_m(PlantParameters::assumed(), 1.2, to, part, index as u64);
