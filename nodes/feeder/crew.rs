@@ -53,7 +53,10 @@ impl Crew {
         let mut children = Vec::new();
         for placed in placed(scenario) {
             let scenario_file = work.join(format!("{}.yaml", placed.scenario.feeder));
-            std::fs::write(&scenario_file, placed.scenario.to_yaml()?)?;
+            // Written once: the nodes of this feeder that were started before may be reading it.
+            if !scenario_file.exists() {
+                std::fs::write(&scenario_file, placed.scenario.to_yaml()?)?;
+            }
             let mut command = Command::new(&executable);
             command.args(["node", placed.entry.name, "--namespace", &placed.namespace]);
             command.arg("--config").arg(&scenario_file).arg("--loop").arg(&contract_file);

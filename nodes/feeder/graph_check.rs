@@ -165,7 +165,9 @@ impl Outside {
         let up = self.wait_until_up(&mut suite, started);
         let stopped = Instant::now();
         let pid = i32::try_from(suite.id()).ok().and_then(Pid::from_raw).context("no process id")?;
-        kill_process(pid, Signal::TERM).context("cannot stop the suite")?;
+        if suite.try_wait()?.is_none() {
+            kill_process(pid, Signal::TERM).context("cannot stop the suite")?;
+        }
         let status = wait(|| suite.try_wait().transpose());
         let ended = stopped.elapsed();
         let Some(status) = status else {
