@@ -283,8 +283,9 @@ fn every_fault_is_survived() {
         let ms = |text: &str| text.strip_suffix(" ms").map(|number| number.parse::<f64>().unwrap());
         let way_mm: f64 = way.strip_suffix(" mm").unwrap().parse().unwrap();
         assert_eq!(ms(noticed).is_none(), reaction == "carries on", "{row:?}");
-        // Silence is noticed after two seconds, everything else within a period of the waveform or two.
-        let limit_ms = if fault.contains("falls silent") { 2200.0 } else { 150.0 };
+        // Silence is noticed after two seconds, everything else within a quarter of one: a courier that gets 1 % of its
+        // force takes that long to be a few millimetres off.
+        let limit_ms = if fault.contains("falls silent") { 2200.0 } else { 250.0 };
         assert!(ms(noticed).is_none_or(|ms| ms < limit_ms), "{row:?}");
         assert!(ms(safe).is_none_or(|ms| ms < limit_ms + 300.0) && way_mm < 110.0, "{row:?}");
     }

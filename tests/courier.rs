@@ -244,9 +244,12 @@ fn one_client_commands_anyone_halts_and_faults_stay_until_reset() {
     let stopped = bench.wait_at_rest().pose.pose.position.x;
     assert!(stopped > START[0] && stopped < START[0] + 0.2);
 
-    // Home, an emergency stop on the way, and again.
-    assert!(bench.trigger("home").success);
+    // An emergency stop ends what is under way, and nothing is taken until it is reset.
+    let (accepted, under_way) = second.send(&goal(20, 0.3));
+    assert!(accepted);
     assert!(bench.trigger("emergency_stop").success);
+    let (status, result) = under_way.wait().unwrap().into();
+    assert!(status == 6 && result.error_string == "emergency stop", "{status} {result:?}");
     let refused = second.refused(&goal(1, 0.1)).1;
     assert!(refused.contains("emergency stop"), "{refused}");
     wait_for("a fault in the diagnostics", || {
@@ -260,9 +263,11 @@ fn one_client_commands_anyone_halts_and_faults_stay_until_reset() {
         ((place.x - START[0]).abs() < 2e-5).then_some(())
     });
 
-    // An inactive driver stops and refuses.
-    let (accepted, stopped) = second.send(&goal(20, 0.3));
-    assert!(accepted);
+    // An inactive driver stops and refuses. The way home is another client's goal until it has ended.
+    let stopped = wait_for("the way home to end", || {
+        let (accepted, result) = second.send(&goal(20, 0.3));
+        accepted.then_some(result)
+    });
     bench.lifecycle(&["deactivate"]);
     let (status, _) = stopped.wait().unwrap().into();
     assert_eq!(status, 5);

@@ -204,6 +204,20 @@ fn hardware_that_fails_in_a_move_is_stopped_and_recovers() {
 }
 
 #[test]
+fn a_courier_that_freezes_while_it_vibrates_is_stuck() {
+    let freeze = Some(Window { from_s: 1.0, to_s: 3.0 });
+    let mut driver = assumed(FaultHooks { freeze, ..FaultHooks::NONE });
+    driver.set_waveform(&paper_waveform(), true).unwrap();
+    let (status, _) = run(&mut driver, 100);
+    assert_eq!(status.fault, None);
+    let (status, _) = run(&mut driver, 21);
+    assert!(matches!(status.fault, Some(Fault::Stuck { axis: 2, .. })), "{status:?}");
+    run(&mut driver, 200);
+    driver.reset_fault().unwrap();
+    driver.home(1).unwrap();
+}
+
+#[test]
 fn a_dropout_of_a_millisecond_is_bridged() {
     let mut driver =
         assumed(FaultHooks { sensor_dropout: Some(Window { from_s: 0.4, to_s: 0.401 }), ..FaultHooks::NONE });

@@ -76,6 +76,14 @@ pub enum Fault {
     /// The position sensor gave no finite number.
     #[error("the position sensor gives no finite number")]
     SensorLost,
+    /// The courier does not move while its set point does.
+    #[error("{} stands still while its set point moves by {asked:.6}", AXES[*axis])]
+    Stuck {
+        /// Index of the axis.
+        axis: usize,
+        /// How far the set point went, m or rad.
+        asked: f64,
+    },
     /// The courier left its envelope.
     #[error("{quantity} is {value:.6}, allowed is {allowed:.6}")]
     LeftEnvelope {

@@ -23,6 +23,12 @@ pub struct SafetyParameters {
     pub speed_margin: f64,
     /// How long force or torque may be cut to their peaks without a break, s.
     pub saturation_s_max: f64,
+    /// How long the courier may stand still while its set point moves by at least ten times the distances below, s.
+    pub stuck_s_max: f64,
+    /// Movement of the sensor's reading that is mere noise, m.
+    pub still_m: f64,
+    /// The same of yaw, rad.
+    pub still_rad: f64,
     /// How long the sensor may give no number, s. Meanwhile the courier runs on feed-forward.
     pub sensor_silence_s_max: f64,
     /// How long a commander that has been heard may be silent while the courier moves at its wish, s; 0 for ever.
@@ -38,6 +44,9 @@ impl Default for SafetyParameters {
             yaw_margin_rad: 2e-3,
             speed_margin: 0.1,
             saturation_s_max: 0.05,
+            stuck_s_max: 0.1,
+            still_m: 5e-6,
+            still_rad: 50e-6,
             sensor_silence_s_max: 2e-3,
             command_silence_s_max: 2.0,
         }
@@ -56,6 +65,9 @@ impl SafetyParameters {
         check_range("safety.yaw_margin_rad", self.yaw_margin_rad, 1e-6, 0.1)?;
         check_range("safety.speed_margin", self.speed_margin, 0.0, 1.0)?;
         check_range("safety.saturation_s_max", self.saturation_s_max, 0.0, 10.0)?;
+        check_range("safety.stuck_s_max", self.stuck_s_max, 0.01, 10.0)?;
+        check_range("safety.still_m", self.still_m, 0.0, 1e-3)?;
+        check_range("safety.still_rad", self.still_rad, 0.0, 1e-2)?;
         check_range("safety.sensor_silence_s_max", self.sensor_silence_s_max, 0.0, 0.1)?;
         check_range("safety.command_silence_s_max", self.command_silence_s_max, 0.0, 3600.0)
     }
@@ -69,6 +81,35 @@ pub(super) struct Seen {
     pub(super) velocity: Vector3<f64>,
 }
 
+/// How far something moved within a stretch of time.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    min: Vector3<f64>,
+    max: Vector3<f64>,
+}
+
+impl Span {
+    fn new(first: &Vector3<f64>) -> Self {
+        Self { min: *first, max: *first }
+    }
+
+    fn add(&mut self, value: &Vector3<f64>) {
+        (self.min, self.max) = (self.min.inf(value), self.max.sup(value));
+    }
+
+    fn size(&self) -> Vector3<f64> {
+        self.max - self.min
+    }
+}
+
+/// Where set point and courier went in the present stretch, and for how many ticks it has lasted.
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    set_point: Span,
+    measured: Span,
+    ticks: u32,
+}
+
 /// Watches over the courier, tick by tick.
 #[derive(Clone, Debug)]
 pub(super) struct Supervisor {
@@ -77,13 +118,22 @@ pub(super) struct Supervisor {
     period_s: f64,
     blind_ticks: u32,
     saturated_ticks: u32,
+    stretch: Option<Stretch>,
     /// Ticks since each commander was last heard; nothing of one that never was.
     silent_ticks: [Option<u64>; 2],
 }
 
 impl Supervisor {
     pub(super) fn new(parameters: SafetyParameters, limits: CourierLimits, period_s: f64) -> Self {
-        Self { parameters, limits, period_s, blind_ticks: 0, saturated_ticks: 0, silent_ticks: [None; 2] }
+        Self {
+            parameters,
+            limits,
+            period_s,
+            blind_ticks: 0,
+            saturated_ticks: 0,
+            stretch: None,
+            silent_ticks: [None; 2],
+        }
     }
 
     pub(super) fn hear(&mut self, commander: Commander) {
@@ -96,7 +146,7 @@ impl Supervisor {
 
     /// Forgets what led to a fault that has been reset.
     pub(super) fn reset(&mut self) {
-        (self.blind_ticks, self.saturated_ticks) = (0, 0);
+        (self.blind_ticks, self.saturated_ticks, self.stretch) = (0, 0, None);
         self.silent_ticks = [None; 2];
     }
 
@@ -112,6 +162,7 @@ impl Supervisor {
         let saturated_s = f64::from(self.saturated_ticks) * self.period_s;
         self.tracking_fault(&(seen.set_point - measured))
             .or_else(|| self.envelope_fault(measured, &seen.velocity))
+            .or_else(|| self.stuck_fault(&seen.set_point, measured))
             .or_else(|| (saturated_s > saturation_s_max).then_some(Fault::Saturated { for_s: saturated_s }))
     }
 
@@ -133,6 +184,27 @@ impl Supervisor {
             let error = error[axis];
             (error.abs() > allowed).then_some(Fault::TrackingError { axis, error, allowed })
         })
+    }
+
+    /// A courier that does not move at all while its set point does is stuck, however little it is off.
+    fn stuck_fault(&mut self, set_point: &Vector3<f64>, measured: &Vector3<f64>) -> Option<Fault> {
+        let SafetyParameters { stuck_s_max, still_m, still_rad, .. } = self.parameters;
+        let stretch = self.stretch.get_or_insert_with(|| Stretch {
+            set_point: Span::new(set_point),
+            measured: Span::new(measured),
+            ticks: 0,
+        });
+        stretch.set_point.add(set_point);
+        stretch.measured.add(measured);
+        stretch.ticks += 1;
+        if f64::from(stretch.ticks) * self.period_s < stuck_s_max {
+            return None;
+        }
+        let (asked, moved) = (stretch.set_point.size(), stretch.measured.size());
+        self.stretch = None;
+        let still = [still_m, still_m, still_rad];
+        let stuck = (0..3).find(|&axis| moved[axis] < still[axis] && asked[axis] > 10.0 * still[axis]);
+        stuck.map(|axis| Fault::Stuck { axis, asked: asked[axis] })
     }
 
     fn envelope_fault(&self, measured: &Vector3<f64>, velocity: &Vector3<f64>) -> Option<Fault> {
