@@ -133,7 +133,7 @@ struct Numbers {
     next: Arc<AtomicU64>,
     over: Arc<std::sync::atomic::AtomicBool>,
     thread: Option<std::thread::JoinHandle<()>>,
-    participant: Participant,
+    _participant: Participant,
 }
 
 impl Numbers {
@@ -153,7 +153,7 @@ impl Numbers {
                 std::thread::sleep(Duration::from_millis(2));
             }
         });
-        Self { next, over, thread: Some(thread), participant }
+        Self { next, over, thread: Some(thread), _participant: participant }
     }
 }
 
