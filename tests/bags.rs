@@ -128,12 +128,14 @@ fn a_recorded_run_comes_out_the_same_again_and_so_does_its_selector_alone() {
     assert_eq!(code, Some(0), "a copy is as good as the bag: {said}");
 }
 
+type Payloads = Vec<Vec<u8>>;
+
 /// A publisher of numbered texts at 500 Hz, until it is dropped.
 struct Numbers {
     next: Arc<AtomicU64>,
     over: Arc<std::sync::atomic::AtomicBool>,
     thread: Option<std::thread::JoinHandle<()>>,
-    participant: Participant,
+    _participant: Participant,
 }
 
 impl Numbers {
@@ -153,7 +155,7 @@ impl Numbers {
                 std::thread::sleep(Duration::from_millis(2));
             }
         });
-        Self { next, over, thread: Some(thread), participant }
+        Self { next, over, thread: Some(thread), _participant: participant }
     }
 }
 
@@ -276,7 +278,7 @@ fn bags_of_other_writers_are_checked_and_played() {
 
         let domain = TestDomain::claim();
         let listener = Participant::open(&domain, &NodeName::new("/", "listener").unwrap()).unwrap();
-        let heard: Arc<Mutex<BTreeMap<&str, Vec<Vec<u8>>>>> = Arc::default();
+        let heard: Arc<Mutex<BTreeMap<&str, Payloads>>> = Arc::default();
         let qos = Qos { backlog: 2048, ..Qos::command() };
         let _readers = types.clone().map(|(topic, dds_type)| {
             let heard = Arc::clone(&heard);

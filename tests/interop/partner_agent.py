@@ -444,12 +444,17 @@ class Agent:
         """Before anything is asked for: other recipes, and emptying the plateau."""
         change = Service(self, f"/{self.feeder}/change_recipe", ChangeRecipeRequest, ChangeRecipeResponse)
         purge = Service(self, f"/{self.feeder}/purge", PurgeRequest, PurgeResponse)
+
+        def purged_or_told_why():
+            answer = purge.call(20.0)
+            return answer.purged != ("still on the plateau" in answer.message)
+
         return {
             "unknown_recipe": change.call("nonsense").changed,
             "other_recipe": change.call(facts.recipes[-1].name).changed,
             "recipe_now": self.factsheet().recipe,
             "purged_for_no_time": purge.call(-1.0).purged,
-            "purged": purge.call(20.0).purged,
+            "purged_or_told_why": purged_or_told_why(),
             "first_recipe": change.call(facts.recipes[0].name).changed,
         }
 

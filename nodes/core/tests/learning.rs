@@ -1,5 +1,4 @@
 //! The learning courier against plants that differ from the nominal one, measured by what it feeds.
-#![expect(clippy::unwrap_used, reason = "what fails to set up fails the test")]
 
 use std::f64::consts::PI;
 

@@ -232,9 +232,9 @@ impl DeliveryPlanner {
         }
     }
 
-    pub(crate) fn finish(&mut self, io: &mut StepIo, id: DeliveryId, result: Result<Delivered, Failure>) {
+    pub(crate) fn finish(&mut self, io: &mut StepIo, id: DeliveryId, result: &Result<Delivered, Failure>) {
         let outcome = result.as_ref().err().map_or(DeliverPartResult::DELIVERED, messages::outcome_number);
-        match &result {
+        match result {
             Ok(_) => self.said.delivered += 1,
             Err(_) => {
                 self.said.failed += 1;
@@ -243,12 +243,12 @@ impl DeliveryPlanner {
         }
         self.publish_delivery_state(io);
         let Some(open) = self.deliveries.remove(&id) else { return };
-        let end = match &result {
+        let end = match result {
             Ok(_) => GoalEnd::Succeeded,
             Err(Failure::Cancelled) => GoalEnd::Canceled,
             Err(_) => GoalEnd::Aborted,
         };
-        let (reason, part_id, pose) = match &result {
+        let (reason, part_id, pose) = match result {
             Ok(delivered) => (String::new(), delivered.choice.candidate.id.to_string(), part_in_station(delivered)),
             Err(failure) => (failure.to_string(), String::new(), Pose::default()),
         };

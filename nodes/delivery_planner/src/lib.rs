@@ -293,7 +293,7 @@ impl DeliveryPlanner {
             }
             Output::Phase { phase, delivery, presented_at } => self.tell_phase(io, now, phase, delivery, presented_at),
             Output::Presented(id, delivered) => self.tell_presented(io, id, &delivered),
-            Output::Finished(id, result) => self.finish(io, id, result),
+            Output::Finished(id, result) => self.finish(io, id, &result),
             Output::Purged(result) => self.end_purge(io, result),
             Output::Warning(warning) => tracing::warn!("{warning}"),
         }

@@ -223,17 +223,17 @@ impl OverheadManipulator {
                     Ok(()) => (ReportHandoverRequest::TAKEN, String::new()),
                     Err(message) => (ReportHandoverRequest::NOT_TAKEN, message),
                 };
-                self.report(io, ReportHandoverRequest { delivery_id, report, message });
+                self.report(io, &ReportHandoverRequest { delivery_id, report, message });
             }
             Action::Release { delivery_id } => {
                 let report = ReportHandoverRequest::RELEASED;
-                self.report(io, ReportHandoverRequest { delivery_id, report, message: String::new() });
+                self.report(io, &ReportHandoverRequest { delivery_id, report, message: String::new() });
             }
         }
     }
 
-    fn report(&self, io: &mut StepIo, request: ReportHandoverRequest) {
-        io.call(&self.feeders[self.asked].report, &request);
+    fn report(&self, io: &mut StepIo, request: &ReportHandoverRequest) {
+        io.call(&self.feeders[self.asked].report, request);
     }
 
     /// The tool frame: where the axis meets the height of the plateau.

@@ -1,7 +1,7 @@
 //! What every node offers beside its own ports: `/rosout`, `/diagnostics`, parameters, and descriptions of its types.
 
 use std::str::FromStr;
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::Sender;
 use std::time::Duration;
 
 use minifactory_msgs::Message;
@@ -99,20 +99,19 @@ fn with_own(
     }
 }
 
-/// Takes changes of a configuration that are valid, and hands the whole on to the node.
+/// Takes changes of a configuration that are valid, and hands the whole on to the node by `sender`.
 pub(crate) fn reconfiguring<C>(
     configuration: &Configuration<C>,
-) -> (impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static, Receiver<C>)
+    sender: Sender<C>,
+) -> impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static
 where
     C: Serialize + FromStr<Err: std::fmt::Display> + Clone + Send + 'static,
 {
-    let (sender, receiver) = channel();
     let mut config = configuration.config.clone();
-    let accept = move |changes: &[(String, Value)]| {
+    move |changes: &[(String, Value)]| {
         config = changed(&config, changes)?;
         sender.send(config.clone()).map_err(|_| "the node is about to leave".to_owned())
-    };
-    (accept, receiver)
+    }
 }
 
 /// Publishes what the participant's endpoints have lost or refused.
@@ -152,6 +151,8 @@ fn communication(node: &str, losses: &[Loss], fresh: bool) -> DiagnosticStatus {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc::channel;
+
     use super::*;
 
     #[test]

@@ -94,7 +94,8 @@ pub fn run_opened<N: FeederNode>(
     });
     let configuration = Configuration::new(config, N::settable(), own_parameters(true), &BTreeMap::new());
     let configuration = configuration.map_err(RunError::Node)?;
-    let (accept, reconfigured) = reconfiguring(&configuration);
+    let (reconfigure, reconfigured) = channel();
+    let accept = reconfiguring(&configuration, reconfigure);
     let _housekeeping = Housekeeping::open(&participant, configuration.store, &clock, accept)?;
     // What this thread logs is this node's, also where several share a process.
     let _span = tracing::info_span!("node", node = %participant.node()).entered();
@@ -213,7 +214,8 @@ pub fn run_remapped<N: FeederNode>(
         Some(Value::Bool(true)) => Time::simulated(&participant, &ros.resolve(&name, "/clock", NameKind::Topic)?)?,
         _ => Time::Wall,
     };
-    let (accept, reconfigured) = reconfiguring(&configuration);
+    let (reconfigure, reconfigured) = channel();
+    let accept = reconfiguring(&configuration, reconfigure);
     let _housekeeping = Housekeeping::open(&participant, configuration.store, &time.clock(), accept)?;
     let tick = N::tick(&config);
     wall_clock::run(&participant, node, &interface, &Pace { time, tick, stop }, &reconfigured)

@@ -300,7 +300,7 @@ mod tests {
     }
 
     /// Presents one part and says how the gripper fared; returns everything the manipulator does until it asks again.
-    fn pick(manipulator: &mut Manipulator, now_s: &mut f64, gripped: Result<(), String>) -> Vec<Action> {
+    fn pick(manipulator: &mut Manipulator, now_s: &mut f64, gripped: &Result<(), String>) -> Vec<Action> {
         manipulator.step(*now_s, &[Event::Accepted]);
         let mut actions = manipulator.step(*now_s, &[presented(0.0001)]);
         while actions.last() != Some(&Action::Request) {
@@ -320,7 +320,7 @@ mod tests {
         let mut manipulator = manipulator(ManipulatorConfig::default());
         let mut now_s = 0.0;
         assert_eq!(manipulator.step(now_s, &[]), [Action::Request]);
-        let actions = pick(&mut manipulator, &mut now_s, Ok(()));
+        let actions = pick(&mut manipulator, &mut now_s, &Ok(()));
         let expected = [
             Action::Grip { x_m: 0.0, y_m: 0.0, z_m: 0.0, theta_rad: 1.0 },
             Action::Report { delivery_id: "d1".into(), taken: Ok(()) },
@@ -338,7 +338,9 @@ mod tests {
         manipulator.step(0.0, &[]);
         let actions = manipulator.step(0.1, &[presented(0.002)]);
         assert!(matches!(&actions[0], Action::Report { taken: Err(reason), .. } if reason.contains("2.000 mm")));
-        assert_eq!(manipulator.step(0.2, &[]), [Action::Release { delivery_id: "d1".into() }]);
+        // The tool never came down.
+        assert_eq!(actions[1..], [Action::Release { delivery_id: "d1".into() }]);
+        assert_eq!(manipulator.step(0.2, &[]), [Action::Request]);
     }
 
     #[test]
@@ -349,7 +351,7 @@ mod tests {
         manipulator.step(now_s, &[]);
         let (mut failed, mut errors_m) = (0, Vec::new());
         for _ in 0..400 {
-            for action in pick(&mut manipulator, &mut now_s, Ok(())) {
+            for action in pick(&mut manipulator, &mut now_s, &Ok(())) {
                 match action {
                     Action::Grip { x_m, y_m, .. } => errors_m.extend([x_m, y_m]),
                     Action::Report { taken: Err(_), .. } => failed += 1,

@@ -304,6 +304,7 @@ mod tests {
             plant.step(command(tick), TICK_S);
             for fine in 0..1000 {
                 let sent_tick = (f64::from(tick) + (f64::from(fine) + 0.5) * 1e-3 - 1.4).floor();
+                #[expect(clippy::cast_possible_truncation, reason = "a whole number, at most 40")]
                 let target = if sent_tick < 0.0 { Wrench::zeros() } else { command(sent_tick as i32) };
                 force += (target - force) * (fine_s / parameters.lag_s);
                 let velocity: Vector3<f64> = state.fixed_rows::<3>(3).into();

@@ -13,6 +13,9 @@ use super::super::tour::Stop;
 use super::{DeliverySequencer, Planned, State, late, mean_s};
 use crate::platen::{Area, segment_distance_m};
 
+/// Corners of the way of a move, platen frame, m.
+type Route = Vec<Vector2<f64>>;
+
 impl DeliverySequencer {
     /// Asks for the area of a trip, and goes when it is granted.
     pub(super) fn depart(&mut self, now: Stamp, stops: VecDeque<Stop>) -> bool {
@@ -36,7 +39,7 @@ impl DeliverySequencer {
     }
 
     /// The ways from where the courier is over these places to the feeding place, and how long the moves take at most, s.
-    fn routes(&self, stands: &[Vector3<f64>]) -> Result<(Vec<Vec<Vector2<f64>>>, f64), PlanError> {
+    fn routes(&self, stands: &[Vector3<f64>]) -> Result<(Vec<Route>, f64), PlanError> {
         let home = self.config.feeding_place;
         let mut here = self.courier.map_or(home, |report| report.position);
         let (mut routes, mut moves_s) = (Vec::new(), 0.0);
@@ -55,7 +58,7 @@ impl DeliverySequencer {
     }
 
     /// Asks for the area of a trip along these ways for so long.
-    fn ask(&mut self, routes: &[Vec<Vector2<f64>>], needed_s: f64) {
+    fn ask(&mut self, routes: &[Route], needed_s: f64) {
         let first = routes.first().and_then(|route_m| route_m.first()).copied();
         self.trip_m =
             first.into_iter().chain(routes.iter().flat_map(|route_m| route_m.iter().skip(1).copied())).collect();
@@ -254,7 +257,7 @@ impl DeliverySequencer {
         self.enter(State::ToReturn { not_before: now, failures: 0 }, None)
     }
 
-    pub(super) fn to_return(&mut self, now: Stamp, not_before: Stamp, failures: u32) -> bool {
+    pub(super) fn try_to_return(&mut self, now: Stamp, not_before: Stamp, failures: u32) -> bool {
         if now < not_before || self.rest_since.is_none() {
             return false;
         }

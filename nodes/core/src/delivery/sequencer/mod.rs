@@ -238,7 +238,7 @@ impl DeliverySequencer {
             State::Presented { stops, delivered, since, deadline, taken } => {
                 self.presented(now, stops, delivered, since, deadline, taken)
             }
-            State::ToReturn { not_before, failures } => self.to_return(now, not_before, failures),
+            State::ToReturn { not_before, failures } => self.try_to_return(now, not_before, failures),
             State::Returning { id, deadline, ended, failures } => self.returning(now, id, deadline, ended, failures),
             State::Fault { reason } => {
                 let open = !self.queue.is_empty();
