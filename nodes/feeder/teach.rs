@@ -23,14 +23,14 @@ pub(crate) struct TeachArgs {
     scenario: Option<PathBuf>,
 }
 
-/// Prints the `part_model` section for a scenario.
+/// Prints the model, as a scenario names it with `part_model`.
 pub(crate) fn run(args: &TeachArgs) -> anyhow::Result<()> {
     let mut scenario = crate::scenario_file::load(args.scenario.as_deref())?;
     if let Some(part) = &args.part {
         scenario.part = PartSource::Name(part.clone());
     }
     let model = taught(&scenario)?;
-    print!("{}", serde_saphyr::to_string(&serde_json::json!({ "part_model": model }))?);
+    print!("{}", serde_saphyr::to_string(&model)?);
     Ok(())
 }
 

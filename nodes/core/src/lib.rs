@@ -22,5 +22,6 @@ pub mod range;
 pub mod scenario;
 pub mod seed;
 pub mod selection;
+pub mod source;
 pub mod tray;
 pub mod waveform;

@@ -83,10 +83,6 @@ impl Score {
     pub(crate) fn recall(&self) -> f64 {
         f64::from(self.isolated_selected) / f64::from(self.isolated.max(1))
     }
-
-    pub(crate) fn wrong_share(&self) -> f64 {
-        f64::from(self.wrong) / f64::from(self.selected.max(1))
-    }
 }
 
 /// Time this thread has computed: what a frame costs, however busy the machine is.

@@ -1,14 +1,10 @@
 //! The parts that come with the feeder, and how a scenario names its part.
 
-use std::fmt;
-
-use serde::de::value::MapAccessDeserializer;
-use serde::de::{Error, MapAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize};
-use thiserror::Error as ThisError;
+use thiserror::Error;
 
 use super::{PartSpec, PartType, PartTypeError};
 use crate::geometry::ShapeError;
+use crate::source::Source;
 
 /// The part files of the catalogue by name.
 const PART_FILES: [(&str, &str); 7] = [
@@ -24,18 +20,11 @@ const PART_FILES: [(&str, &str); 7] = [
 /// The meshes they name.
 const MESH_FILES: [(&str, &[u8]); 1] = [("clip.stl", include_bytes!("../../../../launch_configs/parts/clip.stl"))];
 
-/// A part as a scenario names it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(untagged)]
-pub enum PartSource {
-    /// The name of a part of the catalogue, or of a part file that is still to be read.
-    Name(String),
-    /// The part itself.
-    Spec(Box<PartSpec>),
-}
+/// A part as a scenario states it: the name of a part of the catalogue or of a part file, or the part.
+pub type PartSource = Source<PartSpec>;
 
 /// Why there is no part.
-#[derive(Clone, Debug, PartialEq, ThisError)]
+#[derive(Clone, Debug, PartialEq, Error)]
 pub enum PartSourceError {
     /// Neither a part of the catalogue nor a file that was read.
     #[error("{name:?} is no part of the catalogue ({}) and no part file was read under this name", catalogue_names().join(", "))]
@@ -84,10 +73,10 @@ impl PartSource {
             let bytes = read(&name).map_err(|message| PartSourceError::File { name: name.clone(), message })?;
             let spec = spec_from_yaml(&name, &String::from_utf8_lossy(&bytes))?;
             let folder = name.rfind('/').map_or("", |end| &name[..=end]).to_owned();
-            *self = Self::Spec(Box::new(spec));
+            *self = Self::Here(Box::new(spec));
             return self.load(&mut |file| read(&format!("{folder}{file}")));
         }
-        if let Self::Spec(spec) = self
+        if let Self::Here(spec) = self
             && let Some(file) = spec.shape.file()
         {
             let file = file.to_owned();
@@ -104,12 +93,12 @@ impl PartSource {
     /// If it is not in the catalogue and was not loaded.
     pub fn spec(&self) -> Result<PartSpec, PartSourceError> {
         match self {
-            Self::Spec(spec) => Ok(PartSpec::clone(spec)),
+            Self::Here(spec) => Ok(PartSpec::clone(spec)),
             Self::Name(name) => {
                 let Some((name, text)) = PART_FILES.iter().find(|(known, _)| known == name) else {
                     return Err(PartSourceError::Unknown { name: name.clone() });
                 };
-                let mut source = Self::Spec(Box::new(spec_from_yaml(name, text)?));
+                let mut source = Self::Here(Box::new(spec_from_yaml(name, text)?));
                 source.load(&mut |file| {
                     let mesh = MESH_FILES.iter().find(|(known, _)| *known == file);
                     mesh.map(|(_, bytes)| bytes.to_vec()).ok_or_else(|| "not in the catalogue".to_owned())
@@ -131,26 +120,4 @@ impl PartSource {
 fn spec_from_yaml(name: &str, text: &str) -> Result<PartSpec, PartSourceError> {
     serde_saphyr::from_str(text)
         .map_err(|error| PartSourceError::Yaml { name: name.to_owned(), message: error.to_string() })
-}
-
-impl<'de> Deserialize<'de> for PartSource {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct NameOrPart;
-        impl<'de> Visitor<'de> for NameOrPart {
-            type Value = PartSource;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("the name of a part or of a part file, or a part")
-            }
-
-            fn visit_str<E: Error>(self, name: &str) -> Result<PartSource, E> {
-                Ok(PartSource::Name(name.to_owned()))
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<PartSource, A::Error> {
-                PartSpec::deserialize(MapAccessDeserializer::new(map)).map(|spec| PartSource::Spec(Box::new(spec)))
-            }
-        }
-        deserializer.deserialize_any(NameOrPart)
-    }
 }

@@ -16,12 +16,17 @@ use crate::manipulator::ManipulatorConfig;
 use crate::parts::{BulkSettings, PartSource, PartType};
 use crate::range::OutOfRange;
 use crate::selection::{PartModel, Selector, SelectorConfig};
+use crate::source::Source;
 use crate::waveform::Waveform;
 pub use cell::{FurtherFeeder, PLATEN_NAMESPACE, PlatenSection, Recipe};
 pub use waveform::WaveformSpec;
 
 /// The scenario that runs when none is named.
 pub const BUILT_IN: &str = include_str!("../../../../launch_configs/default.yaml");
+
+/// The model of the part that comes with the feeder, by the name it has beside the built-in scenario.
+const MODEL_FILE: (&str, &str) =
+    ("models/grommet.yaml", include_str!("../../../../launch_configs/models/grommet.yaml"));
 
 /// Everything a run depends on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -58,9 +63,10 @@ pub struct Scenario {
     /// The vision selector. The wanted pose is the part's.
     #[serde(default)]
     pub selector: SelectorConfig,
-    /// What the selector was taught of the part, by `feeder teach`; nothing can run without, but a part can be taught.
+    /// What the selector was taught of the part: what `feeder teach` printed, or the file that it was printed to. Nothing
+    /// can run without, but a part can be taught.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub part_model: Option<PartModel>,
+    pub part_model: Option<Source<PartModel>>,
     /// The delivery planner. Its stations are those of `stations`.
     #[serde(default)]
     pub delivery: DeliveryConfig,
@@ -210,6 +216,9 @@ impl Scenario {
         let mut scenario: Self =
             serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(error.to_string()))?;
         scenario.part.load(read).map_err(|error| invalid("part", &error))?;
+        if let Some(Source::Name(name)) = &scenario.part_model {
+            scenario.part_model = Some(Source::Here(Box::new(read_model(name, read)?)));
+        }
         scenario.validate()?;
         Ok(scenario)
     }
@@ -285,9 +294,9 @@ impl Scenario {
     /// # Errors
     /// A part that was never taught, or values that do not go together.
     pub fn taught_selector(&self) -> Result<Selector, ScenarioError> {
-        let Some(model) = &self.part_model else {
+        let Some(Source::Here(model)) = &self.part_model else {
             let problem =
-                "missing: teach the part with `feeder teach --scenario FILE` and add what it prints".to_owned();
+                "missing: print what `feeder teach --scenario FILE` teaches to a file, and name that".to_owned();
             return Err(ScenarioError::Invalid { section: "part_model", problem });
         };
         Selector::new(self.selector(&self.part_type()?), &self.camera.model, &self.tray, model)
@@ -312,7 +321,7 @@ impl Scenario {
         crate::parts::PartBulk::new(self.tray.geometry, part.clone(), bulk, self.seed)
             .map_err(|error| invalid("bulk", &error))?;
         self.validate_camera(&part)?;
-        if let Some(model) = &self.part_model {
+        if let Some(Source::Here(model)) = &self.part_model {
             Selector::check(&self.selector(&part), &self.camera.model, &self.tray, model)
                 .map_err(|error| invalid("selector", &error))?;
         }
@@ -384,6 +393,17 @@ impl Scenario {
         }
         Ok(())
     }
+}
+
+fn read_model(name: &str, read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<PartModel, ScenarioError> {
+    let refused =
+        |problem: String| ScenarioError::Invalid { section: "part_model", problem: format!("{name}: {problem}") };
+    let text = match read(name) {
+        Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
+        Err(_) if name == MODEL_FILE.0 => MODEL_FILE.1.to_owned(),
+        Err(problem) => return Err(refused(problem)),
+    };
+    serde_saphyr::from_str(&text).map_err(|error| refused(error.to_string()))
 }
 
 fn invalid(section: &'static str, problem: &impl fmt::Display) -> ScenarioError {

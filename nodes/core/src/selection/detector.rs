@@ -78,7 +78,8 @@ impl Detector {
     /// By how much the rings of brightness about a place miss those of a pose in the frame looked at last.
     pub(super) fn ring_miss(&self, view: &View, pose: usize, place: Point2<f64>) -> Option<f32> {
         let window = self.segmentation.window;
-        let pixel = view.pixel(place, self.sought.get(pose)?.plane_m)? - Vector2::new(window.left as f64, window.top as f64);
+        let pixel =
+            view.pixel(place, self.sought.get(pose)?.plane_m)? - Vector2::new(window.left as f64, window.top as f64);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
         let (column, row) = (pixel.x.round() as usize, pixel.y.round() as usize);
         Some(self.search.miss_near(pose, column, row))
