@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use feeder_core::scenario::Scenario;
+use feeder_core::scenario::{BUILT_IN, Scenario, ScenarioError};
 
 /// Check a scenario file and say what is wrong with it.
 #[derive(Debug, Clone, clap::Args)]
@@ -36,12 +36,31 @@ pub(crate) fn load_taught(file: Option<&Path>) -> anyhow::Result<Scenario> {
 
 /// The scenario in `file`, or the built-in one.
 pub(crate) fn load(file: Option<&Path>) -> anyhow::Result<Scenario> {
-    let Some(file) = file else { return Ok(Scenario::default()) };
-    let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
+    load_with(file, Scenario::read)
+}
+
+/// The same without what the selector was taught.
+pub(crate) fn load_untaught(file: Option<&Path>) -> anyhow::Result<Scenario> {
+    load_with(file, Scenario::read_untaught)
+}
+
+type ReadFile<'a> = &'a mut dyn FnMut(&str) -> Result<Vec<u8>, String>;
+
+fn load_with(
+    file: Option<&Path>,
+    parse: impl FnOnce(&str, ReadFile<'_>) -> Result<Scenario, ScenarioError>,
+) -> anyhow::Result<Scenario> {
+    let text = match file {
+        Some(file) => std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?,
+        None => BUILT_IN.to_owned(),
+    };
     // What a scenario names lies beside it.
-    let folder = file.parent().unwrap_or(Path::new(""));
-    let mut read = |name: &str| std::fs::read(folder.join(name)).map_err(|error| error.to_string());
-    Scenario::read(&text, &mut read).with_context(|| named(Some(file)))
+    let folder = file.and_then(Path::parent);
+    let mut read = |name: &str| {
+        let folder = folder.ok_or("the built-in scenario names no files")?;
+        std::fs::read(folder.join(name)).map_err(|error| error.to_string())
+    };
+    parse(&text, &mut read).with_context(|| named(file))
 }
 
 fn named(file: Option<&Path>) -> String {

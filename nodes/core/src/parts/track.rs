@@ -57,6 +57,9 @@ pub(super) enum Passage {
     OffThePlateau,
 }
 
+/// Rounds in which a part is kept off walls and face: courier motions call for two, whatever is far beyond both for more.
+const CONFINING_ROUNDS: usize = 32;
+
 /// The tray for parts of one type.
 #[derive(Clone, Debug)]
 pub(super) struct Track {
@@ -200,9 +203,17 @@ impl Track {
     /// Keeps a part between the walls and, on the ramp, in front of the drop-off's face.
     pub(super) fn confine(&self, part: &mut Part, scratch: &mut Scratch) {
         let body = &self.bodies[part.pose];
-        if part.place == Place::Ramp && part.x_m > 0.0 && part.y_m < body.radius_m {
-            self.keep_off_the_face(part, body);
+        for _ in 0..CONFINING_ROUNDS {
+            self.keep_between_the_walls(part, body, scratch);
+            let near_the_face = part.place == Place::Ramp && part.x_m > 0.0 && part.y_m < body.radius_m;
+            // Where the face meets a wall, moving a part off one moves it a little into the other.
+            if !(near_the_face && self.keep_off_the_face(part, body)) {
+                return;
+            }
         }
+    }
+
+    fn keep_between_the_walls(&self, part: &mut Part, body: &Body, scratch: &mut Scratch) {
         let squared = part.x_m * part.x_m + part.y_m * part.y_m;
         let (outermost_m, innermost_m) = (self.outer_m - body.radius_m, self.inner_m + body.radius_m);
         if squared > outermost_m * outermost_m {
@@ -212,16 +223,16 @@ impl Track {
         }
     }
 
-    fn keep_off_the_face(&self, part: &mut Part, body: &Body) {
-        let lowest = |part: &Part| {
-            let corners = corners(body, part);
-            corners.min_by(|a, b| a[1].total_cmp(&b[1])).unwrap_or([part.x_m, part.y_m - body.radius_m])
-        };
-        let point = lowest(part);
-        if point[1] < 0.0 {
-            part.y_m -= point[1];
-            bounce(body, part, [0.0, 1.0], [point[0], 0.0], self.wall_law);
+    /// Tells whether the part was moved.
+    fn keep_off_the_face(&self, part: &mut Part, body: &Body) -> bool {
+        let corners = corners(body, part);
+        let lowest = corners.min_by(|a, b| a[1].total_cmp(&b[1])).unwrap_or([part.x_m, part.y_m - body.radius_m]);
+        if lowest[1] >= 0.0 {
+            return false;
         }
+        part.y_m -= lowest[1];
+        bounce(body, part, [0.0, 1.0], [lowest[0], 0.0], self.wall_law);
+        true
     }
 
     fn keep_inside_the_outer_wall(&self, part: &mut Part, body: &Body) {

@@ -213,14 +213,32 @@ impl Scenario {
     /// # Errors
     /// A text that is no scenario, a value out of range, or a file that cannot be read.
     pub fn read(yaml: &str, read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Self, ScenarioError> {
-        let mut scenario: Self =
-            serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(error.to_string()))?;
-        scenario.part.load(read).map_err(|error| invalid("part", &error))?;
+        let mut scenario = Self::parse(yaml)?;
         if let Some(Source::Name(name)) = &scenario.part_model {
             scenario.part_model = Some(Source::Here(Box::new(read_model(name, read)?)));
         }
-        scenario.validate()?;
-        Ok(scenario)
+        scenario.load_and_check(read)
+    }
+
+    /// As [`read`](Self::read), but without what the selector was taught: that is about to be made anew.
+    ///
+    /// # Errors
+    /// As those of [`read`](Self::read).
+    pub fn read_untaught(
+        yaml: &str,
+        read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
+    ) -> Result<Self, ScenarioError> {
+        Self { part_model: None, ..Self::parse(yaml)? }.load_and_check(read)
+    }
+
+    fn parse(yaml: &str) -> Result<Self, ScenarioError> {
+        serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(error.to_string()))
+    }
+
+    fn load_and_check(mut self, read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Self, ScenarioError> {
+        self.part.load(read).map_err(|error| invalid("part", &error))?;
+        self.validate()?;
+        Ok(self)
     }
 
     /// The part, with its stable poses.
