@@ -120,7 +120,7 @@ fn what_is_given_takes_effect_and_what_is_dumped_can_be_given_again() {
     let file = write(&work, "params.yaml", file);
     let domain = TestDomain::claim();
     let here = participant(&domain);
-    let arguments = ["--params-file", text(&file), "-p", "part.name:=bush", "-p", "courier_driver:x:=1"];
+    let arguments = ["--params-file", text(&file), "-p", "part:=coin", "-p", "courier_driver:x:=1"];
     let first = {
         let _running = Node::start(&domain, "vision_selector", &arguments);
         dump(&here, node)
@@ -129,7 +129,7 @@ fn what_is_given_takes_effect_and_what_is_dumped_can_be_given_again() {
         ("camera.jpeg_quality", Value::Integer(70)),
         ("selector.confidence_min", Value::Double(0.8)),
         ("selector.contrast_min_levels", Value::Double(12.5)),
-        ("part.name", Value::Text("bush".to_owned())),
+        ("part", Value::Text("coin".to_owned())),
         ("use_sim_time", Value::Bool(false)),
     ] {
         assert_eq!(first.get(name), Some(&value), "{name}");
@@ -189,7 +189,7 @@ fn a_running_node_takes_what_may_be_set_and_the_clocks_speed_too() {
     assert_eq!(values["log_level"], Value::Text("warn".to_owned()));
     for (name, value, says) in [
         ("selector.confidence_min", Value::Double(1.5), "1.5 is not in 0.0 … 1.0"),
-        ("selector.rim_support_min", Value::Double(0.1), "read-only"),
+        ("selector.miss_max", Value::Double(0.1), "read-only"),
         ("use_sim_time", Value::Bool(false), "read-only"),
     ] {
         let refused = set(&here, node, name, &value);

@@ -31,6 +31,7 @@ fn the_built_in_scenario_delivers_parts_the_right_way_up_and_without_slip() {
         "delivered_per_minute",
         "failed",
         "fed",
+        "feeding",
         "max_slip_m",
         "parts_doubled",
         "parts_lost",

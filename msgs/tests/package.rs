@@ -69,7 +69,8 @@ fn every_field_and_constant_of_our_own_is_explained() {
             assert!(!field.doc.is_empty(), "{name}: {} has no comment", field.name);
             if field.ty.element == Element::Float64 {
                 let doc = field.doc.join(" ");
-                let names_unit = ["second", "metre", "m/s", "rad"].iter().any(|unit| doc.contains(unit));
+                let units = ["second", "metre", "m/s", "rad", "per minute", "number of", "share of"];
+                let names_unit = units.iter().any(|unit| doc.contains(unit));
                 assert!(names_unit, "{name}: the comment of {} has no unit", field.name);
             }
         }
