@@ -1,6 +1,6 @@
 //! `feeder score-vision`: the selector against rendered frames whose truth is known.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use feeder_core::camera::{CameraModel, CameraPose, CameraSpec, Renderer, TrayShot};
@@ -107,7 +107,7 @@ fn score(name: &str, args: &Args) -> anyhow::Result<Score> {
             let score = trial.run(circumstances, &mut random, |image, selector, candidates| {
                 if let (true, Some(folder)) = (std::mem::take(&mut first), &args.save) {
                     let stem = format!("{name}_{area_fraction}_{noise_sigma_levels}");
-                    save(folder.join(stem), image, selector, candidates, &platen_from_tray)?;
+                    save(&folder.join(stem), image, selector, candidates, &platen_from_tray)?;
                 }
                 Ok(())
             })?;
@@ -146,7 +146,7 @@ fn line(name: &str, sigma: &str, score: &Score) -> String {
 
 /// Writes a frame, and the same annotated.
 fn save(
-    stem: PathBuf,
+    stem: &Path,
     image: &GrayImage,
     selector: &Selector,
     candidates: &[Candidate],
@@ -170,7 +170,7 @@ fn save(
         })
         .collect();
     let file = |ending: &str| {
-        let mut name = stem.clone().into_os_string();
+        let mut name = stem.as_os_str().to_owned();
         name.push(ending);
         PathBuf::from(name)
     };

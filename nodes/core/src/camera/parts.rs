@@ -27,7 +27,7 @@ const SIGHT_PLACES: [(f32, f32, f32); SIGHTS] = {
         (third, 0.0, 4.0 * step),
         (-third, third, 2.0 * step),
         (0.0, third, -3.0 * step),
-        (third, third, -1.0 * step),
+        (third, third, -step),
     ]
 };
 

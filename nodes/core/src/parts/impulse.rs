@@ -45,14 +45,14 @@ impl<'a> Pushed<'a> {
 /// Impact of two parts at a point, `normal` from the first to the second: first what keeps them apart, then friction, at
 /// most what ends the sliding. Neither adds energy. Returns whether they approached each other.
 pub(super) fn collide(
-    first: (&Body, &mut Part),
-    second: (&Body, &mut Part),
+    (first_body, first): (&Body, &mut Part),
+    (second_body, second): (&Body, &mut Part),
     normal: [f64; 2],
     point: [f64; 2],
     law: ContactLaw,
 ) -> bool {
-    let mut a = Pushed::new(first.1, first.0, point);
-    let mut b = Pushed::new(second.1, second.0, point);
+    let mut a = Pushed::new(first, first_body, point);
+    let mut b = Pushed::new(second, second_body, point);
     let approach = a.velocity(normal) - b.velocity(normal);
     if approach <= 0.0 {
         return false;

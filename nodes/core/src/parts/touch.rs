@@ -229,7 +229,7 @@ mod tests {
         let block = &*BLOCK;
         let here = at(0.0, 0.0, 0.0);
         let face = meet(block, &here, block, &at(0.0059, 0.001, 0.0)).unwrap();
-        assert_eq!(face.normal, [1.0, 0.0]);
+        assert!(dot(face.normal, [1.0, 0.0]) > 1.0 - 1e-12);
         assert!((face.depth_m - 1e-4).abs() < 1e-12);
         let mut heights: Vec<f64> = face.points().iter().map(|point| point[1]).collect();
         heights.sort_by(f64::total_cmp);
@@ -246,7 +246,7 @@ mod tests {
     fn a_disc_meets_faces_and_corners() {
         let (block, disc) = (&*BLOCK, &*DISC);
         let face = meet(block, &at(0.0, 0.0, 0.0), disc, &at(0.001, 0.0039, 0.3)).unwrap();
-        assert!((face.depth_m - 1e-4).abs() < 1e-9 && face.normal == [0.0, 1.0]);
+        assert!((face.depth_m - 1e-4).abs() < 1e-9 && dot(face.normal, [0.0, 1.0]) > 1.0 - 1e-12);
         let (x_m, y_m) = (0.003 + 0.0019 * 0.6, 0.002 + 0.0019 * 0.8);
         let corner = meet(disc, &at(x_m, y_m, 0.0), block, &at(0.0, 0.0, 0.0)).unwrap();
         assert!((corner.depth_m - 1e-4).abs() < 1e-9);

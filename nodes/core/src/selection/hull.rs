@@ -69,8 +69,8 @@ mod tests {
     #[test]
     fn overlapping_outlines_have_no_gap() {
         let square = |x: f64, half: f64| outline(4, half, 1.0, Point2::new(x, 0.0));
-        assert_eq!(gap_m(&square(0.0, 1.0), &square(0.2, 0.1)), 0.0);
-        assert_eq!(gap_m(&square(0.0, 0.1), &square(0.2, 1.0)), 0.0);
+        assert!(gap_m(&square(0.0, 1.0), &square(0.2, 0.1)) <= 0.0);
+        assert!(gap_m(&square(0.0, 0.1), &square(0.2, 1.0)) <= 0.0);
         assert!((gap_m(&square(0.0, 1.0), &square(2.5, 1.0)) - 0.5).abs() < 1e-12);
     }
 }
