@@ -9,9 +9,11 @@ use image::GrayImage;
 use nalgebra::{Isometry2, Point2};
 use rand::{Rng, RngExt};
 
-/// Pictures of the bare plateau, and of each pose.
+/// Pictures of the bare plateau, of each pose that looks the same from all sides, and of each other one: it must be shown at
+/// all yaws.
 const BARE_FRAMES: usize = 6;
-const FRAMES_PER_POSE: usize = 16;
+const FRAMES_OF_ROUND: usize = 16;
+const FRAMES_OF_TURNED: usize = 40;
 /// Parts laid for each picture at most.
 const PARTS_PER_FRAME: usize = 9;
 /// Free room round a part that is shown, m: its shadow must fall on no other.
@@ -38,7 +40,8 @@ pub(crate) fn taught(
         shoot(Vec::new(), random)?;
     }
     for (pose, stable) in poses.iter().enumerate() {
-        for _ in 0..FRAMES_PER_POSE {
+        let frames = if stable.yaw_symmetry == 0 { FRAMES_OF_ROUND } else { FRAMES_OF_TURNED };
+        for _ in 0..frames {
             let parts = laid_out(scene, pose, stable, random);
             shoot(parts, random)?;
         }

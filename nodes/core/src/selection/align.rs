@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Point2, Rotation2, Vector2, Vector3};
 
 use super::segment::{RELATIVE_UNITS, Segmentation};
 use super::sought::{BARE_BRIGHT_SIGMA, BARE_DARK_SIGMA, Sought, Turn, gradient};
-use super::template::Aspect;
+use super::template::{Aspect, period_rad};
 use super::view::View;
 use crate::camera::single;
 
@@ -15,7 +15,7 @@ const STEPS_MAX: usize = 12;
 const STEP_PX_MIN: f64 = 0.03;
 /// How far the fit may lead from where it began, px, and by what share of a turn.
 const DRIFT_PX_MAX: f64 = 3.0;
-const DRIFT_RAD_MAX: f64 = 0.7;
+const DRIFT_RAD_MAX: f64 = 0.4;
 /// Share of the template that must be seen.
 const SEEN_MIN: f32 = 0.6;
 /// Share of the normal matrix's diagonal added to it, so that what nothing tells about stays as it is.
@@ -95,6 +95,8 @@ pub(super) struct Owners<'a> {
     pub of: &'a [u16],
     /// Who asks.
     pub own: u16,
+    /// Scatter of what lies beside the part, relative to the plateau's brightness.
+    pub beside_sigma: f32,
 }
 
 impl Owners<'_> {
@@ -109,20 +111,29 @@ struct Probe {
     /// Place in the part's directions, m.
     place: Vector2<f64>,
     value: f32,
+    /// How that changes with the yaw, 1/rad.
+    turned: f32,
     inverse_sigma: f32,
     /// How the miss grows with a shift along x and y (1/m) and with a turn (1/rad), over sigma.
     slope: Vector3<f64>,
 }
 
 /// Fits a pose to a frame from a first guess: Gauss–Newton on place and yaw, the template's gradient taken at the guess
-/// (the inverse compositional form of Lucas and Kanade: Baker and Matthews 2004, "Lucas-Kanade 20 years on"). `None` if it
-/// leads astray or too little is seen.
+/// (the inverse compositional form of Lucas and Kanade: Baker and Matthews 2004, "Lucas-Kanade 20 years on"). Shading turns
+/// against the part as the part turns, so that the template is a function of the yaw. `None` if it leads astray or too little
+/// is seen.
 pub(super) fn refine(frame: &Segmentation, view: &View, sought: &Sought, start: Fit, owners: &Owners) -> Option<Fit> {
     let turns = sought.template.yaw_symmetry != 0;
     let tray_yaw_rad = view.platen_from_tray.rotation.angle();
     let slant = view.slant(start.centre, sought.plane_m);
-    let aspect = Aspect { yaw_rad: start.yaw_rad + tray_yaw_rad, slant };
+    // Yaws that look the same count as one.
+    let period_rad = period_rad(sought.template.yaw_symmetry);
+    let on_platen_rad = start.yaw_rad + tray_yaw_rad;
+    let folded_rad = if turns { on_platen_rad.rem_euclid(period_rad) } else { 0.0 };
+    let start = Fit { yaw_rad: folded_rad - tray_yaw_rad, ..start };
+    let aspect = Aspect { yaw_rad: folded_rad, slant };
     let picture = sought.template.picture(&aspect);
+    let picture_change = turns.then(|| sought.template.picture_change(&aspect));
     let texels_per_m = 1.0 / sought.template.texel_m;
     let noise = frame.sigma * frame.sigma;
     let bare = Bare::new(noise);
@@ -132,11 +143,13 @@ pub(super) fn refine(frame: &Segmentation, view: &View, sought: &Sought, start: 
         .map(|index| {
             let place = sought.template.place_m(*index);
             let (along_x, along_y) = gradient(&picture, sought.template.side(), *index);
-            let inverse_sigma = 1.0 / (sought.variance(*index) + noise).sqrt();
+            let inverse_sigma = 1.0 / (sought.variance(*index, owners.beside_sigma) + noise).sqrt();
             let scale = f64::from(inverse_sigma) * texels_per_m;
             let (x, y) = (f64::from(along_x) * scale, f64::from(along_y) * scale);
-            let turning = if turns { y * place.x - x * place.y } else { 0.0 };
-            Probe { place, value: picture[*index], inverse_sigma, slope: Vector3::new(x, y, turning) }
+            let turned = picture_change.as_ref().map_or(0.0, |change| change[*index]);
+            let shading = f64::from(turned * inverse_sigma);
+            let turning = if turns { y * place.x - x * place.y - shading } else { 0.0 };
+            Probe { place, value: picture[*index], turned, inverse_sigma, slope: Vector3::new(x, y, turning) }
         })
         .collect();
     let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
@@ -147,6 +160,7 @@ pub(super) fn refine(frame: &Segmentation, view: &View, sought: &Sought, start: 
         let pixel = view.pixel(fit.centre, sought.plane_m)? - corner;
         let px_from_part = (px_from_tray * Rotation2::new(fit.yaw_rad).matrix()).map(single);
         let pixel = pixel.map(single);
+        let turned_rad = single(fit.yaw_rad - start.yaw_rad);
         let (mut target, mut sum, mut evidence, mut seen) = (Vector3::zeros(), 0.0_f32, 0.0_f32, 0_u16);
         let mut matrix = Matrix3::zeros();
         for probe in &probes {
@@ -158,7 +172,7 @@ pub(super) fn refine(frame: &Segmentation, view: &View, sought: &Sought, start: 
                 continue;
             }
             let level = level * (1.0 / RELATIVE_UNITS);
-            let miss = (level - probe.value) * probe.inverse_sigma;
+            let miss = (level - probe.value - probe.turned * turned_rad) * probe.inverse_sigma;
             let miss = miss.clamp(-MISS_SIGMAS_MAX, MISS_SIGMAS_MAX);
             evidence += bare.outdone(level, miss, probe.inverse_sigma);
             sum += miss * miss;

@@ -9,7 +9,7 @@ use super::ImageFault;
 use super::align::{Fit, NO_PART, Owners, coarse, refine};
 use super::search::{Search, Seed};
 use super::segment::{Plateau, Segmentation};
-use super::sought::{Sought, slant_index};
+use super::sought::{FREE_SIGMA, SHADE_SIGMA, Sought, slant_index};
 use super::template::PartModel;
 use super::view::{RayTable, View};
 use crate::camera::{CameraModel, MountedTray};
@@ -18,10 +18,10 @@ use crate::camera::{CameraModel, MountedTray};
 const BLOB_PX_MIN: usize = 9;
 /// Mean square miss up to which a guess is worth fitting.
 const COARSE_COST_MAX: f32 = 7.0;
+/// What a pixel beside may make of the miss.
+const BESIDE_COST: f32 = 2.0;
 /// A second yaw is tried where it misses by at most this much more than the best.
 const SECOND_YAW_COST: f32 = 1.5;
-/// So many turns all are tried.
-const FEW_TURNS: usize = 8;
 /// Share of a part's area that others may cover before it is taken for one of them.
 const OVERLAP_MAX: f64 = 0.2;
 /// Share of a part's area that another explanation of the same thing covers.
@@ -30,6 +30,8 @@ const SAME_THING_MIN: f64 = 0.5;
 const SAME_PLACE_RATIO: f64 = 0.4;
 /// Yaws further apart than so many steps of the coarse search lead to different fits.
 const OTHER_YAW_TURNS: f64 = 1.2;
+/// How far a part shades what lies beside it, in its height.
+const SHADE_HEIGHTS: f64 = 0.8;
 /// A pose whose evidence is this much weaker per texel in the coarse search is not fitted.
 const COARSE_LEAD: f32 = 1.2;
 
@@ -51,6 +53,8 @@ pub(super) struct Detector {
     plateau: Plateau,
     pub(super) segmentation: Segmentation,
     pub(super) sought: Vec<Sought>,
+    /// Height of the part in the pose in which it is highest, m.
+    height_m_max: f64,
     search: Search,
     /// For each pixel of the window the part it shows, counted from 1.
     owners: Vec<u16>,
@@ -65,6 +69,7 @@ impl Detector {
             rays: RayTable::new(camera),
             plateau: model.plateau(),
             segmentation: Segmentation::default(),
+            height_m_max: sought.iter().map(|sought| sought.template.height_m).fold(0.0, f64::max),
             search: Search::new(&sought),
             sought,
             owners: Vec::new(),
@@ -107,7 +112,7 @@ impl Detector {
             self.guess(&view, seed, &mut guesses);
         }
         let guesses = self.distinct(guesses);
-        let nobody = Owners { of: &self.owners, own: 0 };
+        let nobody = Owners { of: &self.owners, own: 0, beside_sigma: SHADE_SIGMA };
         let frame = &self.segmentation;
         let mut fits: Vec<Found> = guesses
             .into_iter()
@@ -120,7 +125,7 @@ impl Detector {
         let mut owners = std::mem::take(&mut self.owners);
         let mut found = self.explain(&view, fits, &mut owners);
         self.owners = owners;
-        self.fit_among_neighbours(&view, &mut found);
+        self.fit_again(&view, &mut found);
         Ok(found)
     }
 
@@ -136,10 +141,24 @@ impl Detector {
         let Some(turns) = sought.turns.get(slant_index(slant)) else {
             return;
         };
-        let mut looks = vec![(f32::INFINITY, f32::NEG_INFINITY); turns.len()];
-        let (mut best, mut best_place) = (0, (seed.column, seed.row));
-        for (column, row) in around_seed(seed) {
-            for (index, turn) in turns.iter().enumerate() {
+        let mut looks: Vec<(f32, f32)> =
+            turns.iter().map(|turn| coarse(&self.segmentation, turn, seed.column, seed.row)).collect();
+        let mut best = 0;
+        for index in 1..looks.len() {
+            if looks[index].0 < looks[best].0 {
+                best = index;
+            }
+        }
+        if looks[best].0 > COARSE_COST_MAX + BESIDE_COST {
+            return;
+        }
+        let worth_a_look = looks[best].0 + BESIDE_COST;
+        let mut best_place = (seed.column, seed.row);
+        for (index, turn) in turns.iter().enumerate() {
+            if looks[index].0 > worth_a_look {
+                continue;
+            }
+            for (column, row) in beside(seed) {
                 let look = coarse(&self.segmentation, turn, column, row);
                 if look.0 < looks[index].0 {
                     looks[index] = look;
@@ -156,9 +175,7 @@ impl Detector {
         let cost_after = |index: usize, step: usize| looks[(index + step) % looks.len()].0;
         for (index, (cost, evidence)) in looks.iter().copied().enumerate() {
             let valley = cost <= cost_after(index, 1) && cost <= cost_after(index, looks.len() - 1);
-            // Where turns are few, the part is nearly round and they look much alike.
-            let promising = valley || looks.len() <= FEW_TURNS;
-            let tried = index == best || (promising && cost <= looks[best].0 + SECOND_YAW_COST);
+            let tried = index == best || (valley && cost <= looks[best].0 + SECOND_YAW_COST);
             if tried && cost <= COARSE_COST_MAX {
                 let yaw_rad = turns[index].yaw_rad - view.platen_from_tray.rotation.angle();
                 guesses.push(Found {
@@ -243,23 +260,26 @@ impl Detector {
         symmetry != 0 && apart_rad > OTHER_YAW_TURNS * std::f64::consts::TAU / f64::from(symmetry) / sought.yaw_count()
     }
 
-    /// Fits parts that have neighbours again, without what belongs to those.
-    fn fit_among_neighbours(&self, view: &View, found: &mut [Found]) {
+    /// Fits parts again from where they were found: what has neighbours without what belongs to those, and what lies alone by
+    /// what is seen beside it too.
+    fn fit_again(&self, view: &View, found: &mut [Found]) {
         let places: Vec<(Point2<f64>, f64)> =
             found.iter().map(|part| (part.fit.centre, self.sought[part.pose].radius_m)).collect();
         for (index, part) in found.iter_mut().enumerate() {
             let sought = &self.sought[part.pose];
             let (centre, radius_m) = places[index];
+            let shaded_m = |height_m: f64| SHADE_HEIGHTS * height_m + 3.0 * sought.m_per_px;
             let close = |(other, (place, reach_m)): (usize, &(Point2<f64>, f64))| {
-                other != index && (place - centre).norm() < radius_m + reach_m + 3.0 * sought.m_per_px
+                other != index && (place - centre).norm() < radius_m + reach_m + shaded_m(self.height_m_max)
             };
-            if !places.iter().enumerate().any(close) {
-                continue;
-            }
+            let alone = !places.iter().enumerate().any(close);
             let own = u16::try_from(index + 1).unwrap_or(u16::MAX);
-            let owners = Owners { of: &self.owners, own };
+            let beside_sigma = if alone { FREE_SIGMA } else { SHADE_SIGMA };
+            let owners = Owners { of: &self.owners, own, beside_sigma };
             if let Some(fit) = refine(&self.segmentation, view, sought, part.fit, &owners) {
-                part.fit = fit;
+                // What is seen beside tells where a part is, not what it is.
+                let told = if alone { part.fit } else { fit };
+                part.fit = Fit { cost: told.cost, evidence: told.evidence, ..fit };
             }
         }
     }
@@ -277,9 +297,9 @@ impl Detector {
     }
 }
 
-/// The pixels round a seed that are tried.
-fn around_seed(seed: Seed) -> impl Iterator<Item = (usize, usize)> {
-    let near = [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)];
+/// The pixels beside a seed that are tried.
+fn beside(seed: Seed) -> impl Iterator<Item = (usize, usize)> {
+    let near = [(1, 0), (-1, 0), (0, 1), (0, -1)];
     near.into_iter().filter_map(move |(x, y)| seed.column.checked_add_signed(x).zip(seed.row.checked_add_signed(y)))
 }
 

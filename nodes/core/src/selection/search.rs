@@ -7,8 +7,13 @@ use super::sought::Sought;
 const STRIDE: usize = 2;
 /// A ring that misses by more standard deviations counts no more than this many.
 const MISS_SIGMAS_MAX: f32 = 3.0;
+/// Share of a ring that must lie on the plateau for the ring to count.
+const RING_SEEN_MIN: f32 = 0.6;
 /// The largest mean square miss there can be.
 pub(super) const MISS_MAX: f32 = MISS_SIGMAS_MAX * MISS_SIGMAS_MAX;
+
+/// Weight of the rings that must be seen.
+const RING_WEIGHT_MIN: f32 = 0.3;
 
 /// A place where a part may lie.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +32,8 @@ pub(super) struct Search {
     ends: Vec<usize>,
     /// Cells of the foreground, spread as far as any pose is hollow.
     occupied: Vec<bool>,
+    /// Cells whose rings reach beyond the plateau.
+    at_border: Vec<bool>,
     /// For each pose and place, its mean square miss.
     misses: Vec<Vec<f32>>,
     /// Places in a row of the latest frame.
@@ -50,7 +57,7 @@ impl Search {
         places.sort_unstable();
         let ends = (0..rings).map(|ring| places.partition_point(|(other, _, _)| *other <= ring)).collect();
         let places = places.into_iter().map(|(_, column, row)| (column, row)).collect();
-        Self { places, ends, occupied: Vec::new(), misses: vec![Vec::new(); sought.len()], columns: 0 }
+        Self { places, ends, occupied: Vec::new(), at_border: Vec::new(), misses: vec![Vec::new(); sought.len()], columns: 0 }
     }
 
     /// Places worth a closer look, in the order of poses and then of the image.
@@ -58,7 +65,7 @@ impl Search {
         let (width, height) = (frame.window.width, frame.window.height);
         let (columns, rows) = (width / STRIDE, height / STRIDE);
         let hollow_px = sought.iter().map(|sought| sought.hollow_px).max().unwrap_or(0);
-        self.occupy(frame, columns, rows, hollow_px.div_ceil(STRIDE));
+        self.mark(frame, columns, rows, hollow_px.div_ceil(STRIDE));
         for misses in &mut self.misses {
             misses.clear();
             misses.resize(columns * rows, f32::INFINITY);
@@ -83,20 +90,19 @@ impl Search {
                     continue;
                 }
                 let whole = x >= reach && y >= reach && x + reach < width && y + reach < height;
-                if whole {
+                if whole && !self.at_border[place] {
                     self.sum_rings(&frame.relative, y * width + x, &offsets, &mut sums);
                 } else {
                     self.sum_rings_at_border(frame, x, y, &mut sums);
                 }
                 for (misses, sought) in self.misses.iter_mut().zip(sought) {
-                    let mut miss = 0.0;
-                    for (ring, sum) in sought.rings.iter().zip(&sums) {
+                    let (mut miss, mut weight) = (0.0, 0.0);
+                    for (ring, sum) in sought.rings.iter().zip(&sums).filter(|(_, sum)| !sum.is_nan()) {
                         let difference = sum - ring.mean;
-                        miss += ring.weight
-                            * (difference * difference / (ring.variance + noise))
-                                .min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
+                        miss += ring.weight * (difference * difference / (ring.variance + noise)).min(MISS_MAX);
+                        weight += ring.weight;
                     }
-                    misses[place] = miss;
+                    misses[place] = if weight >= RING_WEIGHT_MIN { miss / weight } else { MISS_MAX };
                 }
             }
         }
@@ -112,29 +118,13 @@ impl Search {
         places.filter_map(|place| self.misses[pose].get(place)).copied().fold(MISS_MAX, f32::min)
     }
 
-    /// Marks the cells within `spread` cells of foreground.
-    fn occupy(&mut self, frame: &Segmentation, columns: usize, rows: usize, spread: usize) {
+    /// Marks the cells within `spread` cells of foreground, and those within reach of the plateau's border.
+    fn mark(&mut self, frame: &Segmentation, columns: usize, rows: usize, spread: usize) {
+        let size = (columns, rows);
+        let reach = self.ends.len().div_ceil(STRIDE);
         let width = frame.window.width;
-        let mut cells = vec![false; columns * rows];
-        for (row, line) in cells.chunks_mut(columns.max(1)).enumerate() {
-            for part in 0..STRIDE {
-                let start = (row * STRIDE + part) * width;
-                let pixels = &frame.foreground[start..start + columns * STRIDE];
-                for (cell, pixels) in line.iter_mut().zip(pixels.chunks(STRIDE)) {
-                    *cell |= pixels.iter().any(|pixel| *pixel != 0);
-                }
-            }
-        }
-        self.occupied.clear();
-        self.occupied.resize(columns * rows, false);
-        for (index, _) in cells.iter().enumerate().filter(|(_, cell)| **cell) {
-            let (column, row) = (index % columns, index / columns);
-            for row in row.saturating_sub(spread)..(row + spread + 1).min(rows) {
-                let line = row * columns;
-                let range = line + column.saturating_sub(spread)..line + (column + spread + 1).min(columns);
-                self.occupied[range].fill(true);
-            }
-        }
+        spread_cells(&frame.foreground, width, size, |pixel| pixel != 0, spread, &mut self.occupied);
+        spread_cells(&frame.bins, width, size, |bin| bin == 0, reach, &mut self.at_border);
     }
 
     /// Mean relative brightness of each ring about a pixel.
@@ -148,6 +138,7 @@ impl Search {
         }
     }
 
+    /// The same near the border of the plateau: of each ring what lies on it; NaN where that is too little.
     fn sum_rings_at_border(&self, frame: &Segmentation, x: usize, y: usize, means: &mut [f32]) {
         let (width, height) = (frame.window.width, frame.window.height);
         let mut start = 0;
@@ -155,12 +146,14 @@ impl Search {
             let (mut sum, mut count) = (0.0, 0.0_f32);
             for (column, row) in &self.places[start..*end] {
                 let place = x.checked_add_signed(*column).zip(y.checked_add_signed(*row));
-                if let Some((x, y)) = place.filter(|(x, y)| *x < width && *y < height) {
-                    sum += f32::from(frame.relative[y * width + x]);
+                let place = place.filter(|(x, y)| *x < width && *y < height).map(|(x, y)| y * width + x);
+                if let Some(index) = place.filter(|index| frame.bins[*index] != 0) {
+                    sum += f32::from(frame.relative[index]);
                     count += 1.0;
                 }
             }
-            *mean = sum / (count.max(1.0) * RELATIVE_UNITS);
+            let enough = count >= RING_SEEN_MIN * (end - start) as f32;
+            *mean = if enough { sum / (count * RELATIVE_UNITS) } else { f32::NAN };
             start = *end;
         }
     }
@@ -188,5 +181,34 @@ impl Search {
             }
         }
         seeds
+    }
+}
+
+/// Marks the cells within `spread` cells, across or along, of one with a pixel that `counts`.
+fn spread_cells(
+    pixels: &[u8],
+    width: usize,
+    (columns, rows): (usize, usize),
+    counts: impl Fn(u8) -> bool,
+    spread: usize,
+    marked: &mut Vec<bool>,
+) {
+    marked.clear();
+    marked.resize(columns * rows, false);
+    let mut across = vec![false; columns];
+    for row in 0..rows {
+        across.fill(false);
+        for line in pixels[row * STRIDE * width..].chunks(width).take(STRIDE) {
+            for (cell, pixels) in line.chunks(STRIDE).take(columns).enumerate() {
+                if pixels.iter().any(|pixel| counts(*pixel)) {
+                    across[cell.saturating_sub(spread)..(cell + spread + 1).min(columns)].fill(true);
+                }
+            }
+        }
+        for line in row.saturating_sub(spread)..(row + spread + 1).min(rows) {
+            for (marked, across) in marked[line * columns..(line + 1) * columns].iter_mut().zip(&across) {
+                *marked |= across;
+            }
+        }
     }
 }

@@ -9,10 +9,12 @@ use super::template::{Aspect, PoseTemplate};
 use crate::camera::{CameraModel, MountedTray, single};
 
 /// Width of the strip round the part that is compared too, px: the edge, and what it stands out from.
-const RIM_PX: f64 = 1.3;
-/// What no template reproduces of a part, and of what lies beside it, relative to the plateau's brightness.
+const RIM_PX: f64 = 1.8;
+/// What no template reproduces of a part, and of what lies beside it among others and alone, relative to the plateau's
+/// brightness.
 const MODEL_SIGMA: f32 = 0.012;
-const SHADE_SIGMA: f32 = 0.12;
+pub(super) const SHADE_SIGMA: f32 = 0.12;
+pub(super) const FREE_SIGMA: f32 = 0.02;
 /// What bare floor may look like: hardly brighter than it is, but darker by far in the shade of parts.
 pub(super) const BARE_BRIGHT_SIGMA: f32 = 0.12;
 pub(super) const BARE_DARK_SIGMA: f32 = 0.3;
@@ -149,7 +151,7 @@ impl Sought {
                 if let Some(index) = self.texel(place).filter(|index| self.outside_m[*index] <= rim_m) {
                     #[expect(clippy::cast_possible_truncation, reason = "a few dozen pixels")]
                     let (column, row) = (column as isize, row as isize);
-                    let variance = self.variance(index) + self.displacement_variance(&picture, index);
+                    let variance = self.variance(index, SHADE_SIGMA) + self.displacement_variance(&picture, index);
                     points.push(CoarsePoint { column, row, value: picture[index], variance });
                 }
                 column += 1.0;
@@ -167,9 +169,10 @@ impl Sought {
         (0..self.outside_m.len()).filter(|index| self.outside_m[*index] <= single(rim_m)).collect()
     }
 
-    /// Variance of a texel about the template. What lies beside the part may be in the shade of neighbours.
-    pub(super) fn variance(&self, index: usize) -> f32 {
-        let shade = if self.outside_m[index] > 0.0 { SHADE_SIGMA } else { MODEL_SIGMA };
+    /// Variance of a texel about the template, with `beside_sigma` for what lies beside the part: it may be in the shade of
+    /// neighbours.
+    pub(super) fn variance(&self, index: usize, beside_sigma: f32) -> f32 {
+        let shade = if self.outside_m[index] > 0.0 { beside_sigma } else { MODEL_SIGMA };
         self.template.deviation.values()[index].powi(2) + shade * shade
     }
 
@@ -191,7 +194,7 @@ impl Sought {
 
     fn rings(&self) -> Vec<Ring> {
         const SPOKES: usize = 48;
-        let mean = self.template.mean.values();
+        let mean = self.template.mean();
         let deviation = self.template.deviation.values();
         let mut rings = Vec::new();
         while rings.len() as f64 <= self.radius_m / self.m_per_px {
@@ -228,10 +231,11 @@ impl Sought {
 
     /// How far from the centre the nearest thing is that stands out from the plateau, px.
     fn hollow(&self) -> usize {
-        let seen = |index: &usize| self.outside_m[*index] <= 0.0 && self.template.mean.values()[*index].abs() > 0.15;
+        let mean = self.template.mean();
+        let seen = |index: &usize| self.outside_m[*index] <= 0.0 && mean[*index].abs() > 0.15;
         let distance_m = |index: usize| self.template.place_m(index).norm();
         let nearest_m =
-            (0..self.template.mean.values().len()).filter(seen).map(distance_m).fold(self.radius_m, f64::min);
+            (0..mean.len()).filter(seen).map(distance_m).fold(self.radius_m, f64::min);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few pixels")]
         let pixels = (nearest_m / self.m_per_px + 1.0).ceil() as usize;
         pixels
@@ -266,7 +270,7 @@ pub(super) fn gradient(picture: &[f32], side: usize, index: usize) -> (f32, f32)
 /// How far outside the outline each texel lies, m.
 fn outside_m(template: &PoseTemplate) -> Vec<f32> {
     let outside = |index: usize| single(distance_m(&template.outline_m, &Point2::from(template.place_m(index))));
-    (0..template.mean.values().len()).map(outside).collect()
+    (0..template.deviation.values().len()).map(outside).collect()
 }
 
 /// Leaves out evenly what is more than `most`.

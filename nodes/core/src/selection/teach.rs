@@ -1,15 +1,13 @@
 //! Learns from pictures what a part looks like.
 
-use std::f64::consts::TAU;
-
 use image::GrayImage;
-use nalgebra::{Isometry2, Matrix3, Point2, Rotation2, SMatrix, SVector, Vector2};
+use nalgebra::{Isometry2, DMatrix, DVector, Matrix3, Point2, Rotation2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::detector::Detector;
 use super::search::MISS_MAX;
 use super::segment::{Plateau, PlateauSums, RADIAL_BINS, RELATIVE_UNITS, Segmentation, TaughtLight, hub_level};
-use super::template::{Aspect, PLANES, PartModel, Plane, PoseTemplate, SIDE_MAX};
+use super::template::{Aspect, PartModel, Plane, PoseTemplate, SIDE_MAX, SLANT_PLANES, period_rad, yaw_steps};
 use super::view::{RayTable, View};
 use super::{ImageFault, SelectorConfig, candidate, require_above};
 use crate::camera::{CameraModel, InvalidValue, MountedTray, require, single};
@@ -20,8 +18,10 @@ const MARGIN_PX: f64 = 4.0;
 const BLOB_PX_MIN: usize = 9;
 /// Parts of a pose that must be shown at least.
 const SHOWN_MIN: usize = 12;
-/// Ridge on the pictures beside the mean, in parts shown: what the pictures do not tell stays 0.
-const RIDGE: f64 = 1.0;
+/// What the pictures do not tell is taken to be alike at neighbouring yaws, and not to change with the slant: weights of
+/// those beliefs, in parts shown.
+const YAW_RIDGE: f64 = 0.3;
+const SLANT_RIDGE: f64 = 1.0;
 /// Share of the parts shown in a pose that must be recognised, once it is learned, and that may be taken for another.
 const RECOGNISED_RATIO_MIN: f64 = 0.6;
 const MISTAKEN_RATIO_MAX: f64 = 0.04;
@@ -237,7 +237,7 @@ impl Lesson<'_> {
             for part in frame.parts {
                 let spec = &self.spec.poses[part.pose];
                 // Yaws that look the same count as one.
-                let period_rad = if spec.yaw_symmetry == 0 { 0.0 } else { TAU / f64::from(spec.yaw_symmetry) };
+                let period_rad = period_rad(spec.yaw_symmetry);
                 let on_platen_rad = part.yaw_rad + tray_yaw_rad;
                 let folded_rad = if period_rad > 0.0 { on_platen_rad.rem_euclid(period_rad) } else { 0.0 };
                 let yaw_rad = folded_rad - tray_yaw_rad;
@@ -285,48 +285,55 @@ impl Lesson<'_> {
         }
         let spec = &self.spec.poses[pose];
         let side = self.side(spec);
-        let mut normal = SMatrix::<f64, PLANES, PLANES>::zeros();
-        let factors: Vec<SVector<f64, PLANES>> =
-            views.iter().map(|seen| SVector::from(seen.aspect.factors())).collect();
-        for factors in &factors {
-            normal += factors * factors.transpose();
+        let steps = yaw_steps(spec.yaw_symmetry);
+        let unknowns = steps + 1 + SLANT_PLANES;
+        let mut design = DMatrix::<f64>::zeros(views.len(), unknowns);
+        for (row, seen) in views.iter().enumerate() {
+            let factors = seen.aspect.factors(spec.yaw_symmetry, steps);
+            for (after, weight) in factors.at_yaws.into_iter().enumerate().take(steps + 1) {
+                design[(row, factors.first + after)] = weight;
+            }
+            for (plane, weight) in factors.slant.into_iter().enumerate() {
+                design[(row, steps + 1 + plane)] = weight;
+            }
         }
-        for plane in 1..PLANES {
-            normal[(plane, plane)] += RIDGE;
+        let mut normal = design.tr_mul(&design);
+        for yaw in 0..steps {
+            for (row, column, sign) in [(0, 0, 1.0), (1, 1, 1.0), (0, 1, -1.0), (1, 0, -1.0)] {
+                normal[(yaw + row, yaw + column)] += sign * YAW_RIDGE;
+            }
         }
-        let inverse = normal.try_inverse().ok_or(TeachError::TooFew { pose, shown: views.len() })?;
-        let mut planes: [Vec<f32>; PLANES] = std::array::from_fn(|_| Vec::with_capacity(side * side));
+        for plane in steps + 1..unknowns {
+            normal[(plane, plane)] += SLANT_RIDGE;
+        }
+        let factors = normal.cholesky().ok_or(TeachError::TooFew { pose, shown: views.len() })?;
+        let mut planes: Vec<Vec<f32>> = vec![Vec::with_capacity(side * side); unknowns];
         let mut deviations = Vec::with_capacity(side * side);
         let mean_noise = views.iter().map(|seen| seen.sigma * seen.sigma).sum::<f32>() / views.len() as f32;
         for texel in 0..side * side {
-            let mut target = SVector::<f64, PLANES>::zeros();
-            for (seen, factors) in views.iter().zip(&factors) {
-                target += factors * f64::from(seen.levels[texel]);
-            }
-            let solution = inverse * target;
+            let levels = DVector::from_iterator(views.len(), views.iter().map(|seen| f64::from(seen.levels[texel])));
+            let solution = factors.solve(&design.tr_mul(&levels));
             for (plane, value) in planes.iter_mut().zip(solution.iter()) {
                 plane.push(single(*value));
             }
-            let misses = views.iter().zip(&factors);
-            let square: f64 =
-                misses.map(|(seen, factors)| (f64::from(seen.levels[texel]) - factors.dot(&solution)).powi(2)).sum();
-            let freedom = (views.len() - PLANES).max(1) as f64;
+            let square = (&levels - &design * solution).norm_squared();
+            let freedom = views.len().saturating_sub(unknowns).max(1) as f64;
             deviations.push((single(square / freedom) - mean_noise).max(0.0).sqrt());
         }
-        let [mean, yaw_cos, yaw_sin, yaw_cos_2, yaw_sin_2, slant_x, slant_y] =
-            planes.map(|values| Plane::new(side, values));
+        let mut planes = planes.into_iter().map(|values| Plane::new(side, values));
+        let at_yaws = planes.by_ref().take(steps + 1).collect();
+        let mut next = || planes.next().unwrap_or_else(|| Plane::new(side, vec![0.0; side * side]));
         Ok(PoseTemplate {
             height_m: spec.height_m,
             yaw_symmetry: spec.yaw_symmetry,
             ring_miss_max: 0.0,
             texel_m: self.texel_m(),
-            mean,
-            yaw_cos,
-            yaw_sin,
-            yaw_cos_2,
-            yaw_sin_2,
-            slant_x,
-            slant_y,
+            at_yaws,
+            slant_x: next(),
+            slant_y: next(),
+            slant_xx: next(),
+            slant_xy: next(),
+            slant_yy: next(),
             deviation: Plane::new(side, deviations),
             outline_m: spec.outline_m.clone(),
         })

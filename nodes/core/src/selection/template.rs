@@ -1,12 +1,15 @@
 //! What a part looks like from above in one resting pose, as a function of where and how it lies.
 //!
-//! Brightness is counted relative to the bare plateau. In the part's own directions it is, to first order, a mean picture
-//! plus what the lamp's direction and the slant of the line of sight add:
+//! Brightness is counted relative to the bare plateau. In the part's own directions it is a picture that changes with the
+//! part's yaw against the lamp, which stands still, plus what the slant of the line of sight adds:
 //!
-//! I(u) = M(u) + C(u) cos ψ + S(u) sin ψ + C₂(u) cos 2ψ + S₂(u) sin 2ψ + X(u) a + Y(u) b,
+//! I(u) = Σ hₖ(ψ) Mₖ(u) + X(u) a + Y(u) b + XX(u) a² + XY(u) ab + YY(u) b²,
 //!
-//! with ψ the part's yaw against the camera, which is the lamp's too, within one period of its symmetry, and (a, b) the slant
-//! in the part's directions. The seven pictures and the scatter about them are learned from images.
+//! with ψ the part's yaw on the platen within one period of its symmetry, hₖ the weights of linear interpolation between
+//! pictures Mₖ evenly spaced over the period, and (a, b) the slant in the part's directions. The pictures and the scatter
+//! about them are learned from images.
+
+use std::f64::consts::TAU;
 
 use nalgebra::{Point2, Rotation2, Vector2};
 use serde::{Deserialize, Serialize};
@@ -15,8 +18,12 @@ use super::search::MISS_MAX;
 use super::segment::{Plateau, RADIAL_BINS, TaughtLight};
 use crate::camera::{InvalidValue, require, single};
 
-/// Pictures that make up a template.
-pub(super) const PLANES: usize = 7;
+/// Pictures that tell what the slant adds.
+pub(super) const SLANT_PLANES: usize = 5;
+/// Largest step of yaw between pictures, rad: shadows turn by as much against the part.
+const YAW_STEP_RAD: f64 = 0.21;
+/// Most pictures of a pose at yaws over a period.
+const YAW_PLANES_MAX: usize = 64;
 /// Slant of the line of sight for which the pictures X and Y are stated.
 const SLANT_UNIT: f64 = 0.1;
 /// Steps of brightness in a stored picture, per unit.
@@ -91,20 +98,19 @@ pub struct PoseTemplate {
     pub ring_miss_max: f32,
     /// Size of a texel, m.
     pub texel_m: f64,
-    /// Mean picture: brightness above the plateau's.
-    pub mean: Plane,
-    /// What is added per cosine of the yaw.
-    pub yaw_cos: Plane,
-    /// What is added per sine of the yaw.
-    pub yaw_sin: Plane,
-    /// What is added per cosine of twice the yaw.
-    pub yaw_cos_2: Plane,
-    /// What is added per sine of twice the yaw.
-    pub yaw_sin_2: Plane,
-    /// What is added per slant of 0.1 along the part's x.
+    /// Brightness above the plateau's at yaws evenly spaced over a period of the symmetry, its two ends included; a single
+    /// picture if any turn leaves the part as it was.
+    pub at_yaws: Vec<Plane>,
+    /// What is added per slant of 0.1 along the part's x, and along its y.
     pub slant_x: Plane,
-    /// What is added per slant of 0.1 along the part's y.
+    /// As for x.
     pub slant_y: Plane,
+    /// What is added per square or product of those.
+    pub slant_xx: Plane,
+    /// Per product.
+    pub slant_xy: Plane,
+    /// Per square along y.
+    pub slant_yy: Plane,
     /// Standard deviation about all that.
     pub deviation: Plane,
     /// Convex outline in the part's directions, counter-clockwise, m: what a gripper must reach round.
@@ -120,20 +126,78 @@ pub(super) struct Aspect {
     pub slant: Vector2<f64>,
 }
 
+/// What a picture depends on: factors of the pictures that make it up, and how those change with the yaw, 1/rad.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Factors {
+    /// The picture before the yaw; the one after it follows.
+    pub first: usize,
+    /// Weights of those two.
+    pub at_yaws: [f64; 2],
+    pub slant: [f64; SLANT_PLANES],
+    pub at_yaws_change: [f64; 2],
+    pub slant_change: [f64; SLANT_PLANES],
+}
+
+/// How many steps of yaw a period is divided into.
+pub(super) fn yaw_steps(symmetry: u32) -> usize {
+    let period_rad = period_rad(symmetry);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to 30")]
+    let steps = (period_rad / YAW_STEP_RAD).ceil() as usize;
+    steps
+}
+
+/// The turn that leaves a part as it was, rad; 0 if any does.
+pub(super) fn period_rad(symmetry: u32) -> f64 {
+    if symmetry == 0 { 0.0 } else { TAU / f64::from(symmetry) }
+}
+
 impl Aspect {
-    /// The factors of the seven pictures.
-    pub(super) fn factors(&self) -> [f64; PLANES] {
+    /// The factors of a pose of this symmetry and this many steps of yaw.
+    pub(super) fn factors(&self, symmetry: u32, steps: usize) -> Factors {
         let slant = Rotation2::new(-self.yaw_rad) * self.slant / SLANT_UNIT;
-        let (sin, cos) = self.yaw_rad.sin_cos();
-        let (sin_2, cos_2) = (2.0 * self.yaw_rad).sin_cos();
-        [1.0, cos, sin, cos_2, sin_2, slant.x, slant.y]
+        let (a, b) = (slant.x, slant.y);
+        let mut factors = Factors {
+            first: 0,
+            at_yaws: [1.0, 0.0],
+            slant: [a, b, a * a, a * b, b * b],
+            at_yaws_change: [0.0, 0.0],
+            slant_change: [b, -a, 2.0 * a * b, b * b - a * a, -2.0 * a * b],
+        };
+        if steps > 0 {
+            let per_rad = steps as f64 / period_rad(symmetry);
+            let place = (self.yaw_rad * per_rad).clamp(0.0, steps as f64);
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+            let first = (place as usize).min(steps - 1);
+            let after = place - first as f64;
+            factors.first = first;
+            factors.at_yaws = [1.0 - after, after];
+            factors.at_yaws_change = [-per_rad, per_rad];
+        }
+        factors
     }
 }
 
 impl PoseTemplate {
     /// Texels along a side.
     pub(super) fn side(&self) -> usize {
-        self.mean.width
+        self.deviation.width
+    }
+
+    /// How many steps of yaw a period is divided into.
+    fn steps(&self) -> usize {
+        self.at_yaws.len().saturating_sub(1)
+    }
+
+    /// Mean over all yaws, seen from straight above.
+    pub(super) fn mean(&self) -> Vec<f32> {
+        let share = 1.0 / self.at_yaws.len().max(1) as f32;
+        let mut mean = vec![0.0; self.deviation.values.len()];
+        for plane in &self.at_yaws {
+            for (sum, value) in mean.iter_mut().zip(&plane.values) {
+                *sum += share * value;
+            }
+        }
+        mean
     }
 
     /// Place of a texel in the part's directions, m.
@@ -143,16 +207,27 @@ impl PoseTemplate {
         Vector2::new(place(index % self.side()), place(index / self.side()))
     }
 
-    fn planes(&self) -> [&Plane; PLANES] {
-        [&self.mean, &self.yaw_cos, &self.yaw_sin, &self.yaw_cos_2, &self.yaw_sin_2, &self.slant_x, &self.slant_y]
+    fn slant_planes(&self) -> [&Plane; SLANT_PLANES] {
+        [&self.slant_x, &self.slant_y, &self.slant_xx, &self.slant_xy, &self.slant_yy]
     }
 
-    /// The picture expected under an aspect: brightness above the plateau's.
+    /// The picture expected under an aspect, whose yaw lies within a period: brightness above the plateau's.
     pub(super) fn picture(&self, aspect: &Aspect) -> Vec<f32> {
-        let factors = aspect.factors().map(single);
-        let planes = self.planes();
-        let mut picture = vec![0.0; self.mean.values.len()];
-        for (plane, factor) in planes.into_iter().zip(factors) {
+        let factors = aspect.factors(self.yaw_symmetry, self.steps());
+        self.sum(factors.first, factors.at_yaws, factors.slant)
+    }
+
+    /// How that picture changes with the yaw, 1/rad.
+    pub(super) fn picture_change(&self, aspect: &Aspect) -> Vec<f32> {
+        let factors = aspect.factors(self.yaw_symmetry, self.steps());
+        self.sum(factors.first, factors.at_yaws_change, factors.slant_change)
+    }
+
+    fn sum(&self, first: usize, at_yaws: [f64; 2], slant: [f64; SLANT_PLANES]) -> Vec<f32> {
+        let mut picture = vec![0.0; self.deviation.values.len()];
+        let planes = self.at_yaws[first..].iter().zip(at_yaws);
+        for (plane, factor) in planes.chain(self.slant_planes().into_iter().zip(slant)) {
+            let factor = single(factor);
             for (sum, value) in picture.iter_mut().zip(&plane.values) {
                 *sum += factor * value;
             }
@@ -170,9 +245,12 @@ impl PoseTemplate {
         let texel_ok = (1e-6..=0.01).contains(&self.texel_m);
         require(texel_ok, "part_model.poses.texel_m", self.texel_m, "1e-6 to 0.01 m")?;
         let side = self.side();
-        let side_ok = !side.is_multiple_of(2) && side <= SIDE_MAX && self.mean.is_square(side);
-        require(side_ok, "part_model.poses.mean", side as f64, "a square of an odd number of texels up to 161")?;
-        for plane in self.planes().into_iter().chain([&self.deviation]) {
+        let side_ok = !side.is_multiple_of(2) && side <= SIDE_MAX && self.deviation.is_square(side);
+        require(side_ok, "part_model.poses.deviation", side as f64, "a square of an odd number of texels up to 161")?;
+        let yaws = self.at_yaws.len();
+        let yaws_ok = if self.yaw_symmetry == 0 { yaws == 1 } else { (2..=YAW_PLANES_MAX).contains(&yaws) };
+        require(yaws_ok, "part_model.poses.at_yaws", yaws as f64, "1 picture without a yaw, 2 to 64 with one")?;
+        for plane in self.slant_planes().into_iter().chain(&self.at_yaws) {
             require(plane.is_square(side), "part_model.poses", plane.width as f64, "pictures of one size")?;
         }
         let reach_m = self.outline_m.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max);
