@@ -1,11 +1,8 @@
 //! The feeder as another DDS implementation sees it: Cyclone DDS with default settings, on the same host.
 
-use std::path::Path;
-use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use feeder_core::scenario::Scenario;
-use rustix::process::Signal;
 use serde::Deserialize;
 
 use crate::common::{Up, python};
@@ -53,24 +50,13 @@ struct Loaded {
 
 #[test]
 fn cyclone_dds_reads_joint_states_images_and_parts_and_calls_services() {
-    let python = python();
+    // Made first, where it must be: a run is not to wait for it.
+    python();
     let scenario = Scenario::default();
     let mut run = Up::new("--duration 3600 --speed 1").default_discovery_range().start();
     run.wait_until_simulated(Duration::from_millis(100));
-    let peer = Command::new(python)
-        .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop/feeder_peer.py"))
-        .args(["--domain", &run.domain().id.to_string()])
-        .args(["--images", &IMAGES.to_string(), "--load", &LOADED.to_string()])
-        .args(["--seconds", &PATIENCE.as_secs().to_string()])
-        .env_remove("CYCLONEDDS_URI")
-        .stdin(Stdio::null())
-        .output()
-        .unwrap();
-    run.process().signal(Signal::INT);
-    let outcome = run.outcome();
-    assert!(peer.status.success(), "{}\nrun: {}", String::from_utf8_lossy(&peer.stderr), outcome.stderr);
-    assert!(outcome.status.success(), "{}", outcome.stderr);
-    let report: Report = serde_json::from_slice(&peer.stdout).unwrap();
+    let arguments = ["--images", &IMAGES.to_string(), "--load", &LOADED.to_string()];
+    let report: Report = run.seen_by("feeder_peer.py", PATIENCE, &arguments);
 
     let period_ns = scenario.camera.period_ms * 1_000_000;
     let steps = report.image_stamps_ns.windows(2).map(|pair| pair[1] - pair[0]);

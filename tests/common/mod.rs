@@ -20,6 +20,7 @@ use feeder_runtime::testing::TestDomain;
 use minifactory_msgs::Message as _;
 use minifactory_msgs::rosgraph_msgs::msg::Clock;
 use rustix::process::Signal;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -171,6 +172,25 @@ impl Run {
             assert!(ended.is_none(), "the run has ended already: {}", self.stderr());
             (u128::from(latest_ns.load(Ordering::Relaxed)) >= sim.as_nanos()).then_some(())
         });
+    }
+
+    /// Has a script of `tests/interop` work with it, at most for `patience` of wall time, and ends it. Returns what the
+    /// script has printed in JSON.
+    #[track_caller]
+    pub(crate) fn seen_by<T: DeserializeOwned>(self, script: &str, patience: Duration, arguments: &[&str]) -> T {
+        let seen = Command::new(python())
+            .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop").join(script))
+            .args(["--domain", &self.domain.id.to_string(), "--seconds", &patience.as_secs().to_string()])
+            .args(arguments)
+            .env_remove("CYCLONEDDS_URI")
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        self.process().signal(Signal::INT);
+        let outcome = self.outcome();
+        assert!(seen.status.success(), "{}\nrun: {}", String::from_utf8_lossy(&seen.stderr), outcome.stderr);
+        assert!(outcome.status.success(), "{}", outcome.stderr);
+        serde_json::from_slice(&seen.stdout).unwrap()
     }
 
     /// Waits for its end.

@@ -12,8 +12,13 @@ import sys
 import time
 from dataclasses import dataclass
 
-from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
-from cyclonedds.core import Policy, Qos
+from cyclonedds.builtin import (
+    BuiltinDataReader,
+    BuiltinTopicDcpsParticipant,
+    BuiltinTopicDcpsPublication,
+    BuiltinTopicDcpsSubscription,
+)
+from cyclonedds.core import InstanceState, Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.types import array, int64, sequence, uint8, uint64
@@ -129,6 +134,29 @@ def topics(participant, options, deadline):
     return False
 
 
+def leave(participant, options, deadline):
+    """Waits until so many participants and endpoints of others are there, and then until none is left."""
+    kinds = (BuiltinTopicDcpsParticipant, BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription)
+    readers = [BuiltinDataReader(participant, kind) for kind in kinds]
+    there, came = set(), False
+    while time.monotonic() < deadline:
+        for sample in (sample for reader in readers for sample in reader.take(N=1000)):
+            owner = getattr(sample, "participant_key", sample.key)
+            if sample.sample_info.instance_state != InstanceState.Alive:
+                there.discard(sample.key)
+            elif owner != participant.guid:
+                there.add(sample.key)
+        if not came and len(there) >= options.count:
+            came = True
+            print(f"there {len(there)}", flush=True)
+        if came and not there:
+            print("gone", flush=True)
+            return True
+        time.sleep(0.002)
+    print(f"left {len(there)}", flush=True)
+    return False
+
+
 def service_ends(participant, service, wrote, read):
     request = Topic(participant, f"rq{service}Request", Request)
     reply = Topic(participant, f"rr{service}Reply", Response)
@@ -177,6 +205,7 @@ def main():
         (publish, ("topic", "count")),
         (nodes, ("node",)),
         (topics, ("topic",)),
+        (leave, ("count",)),
         (call, ("service", "count")),
         (serve, ("service", "count")),
     ):

@@ -8,34 +8,17 @@ caller to judge. Only what it cannot go on without makes it fail: an answer that
 import argparse
 import json
 import sys
-import time
 import uuid
 from dataclasses import dataclass, field
 
-from cyclonedds.core import Policy, Qos
-from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import array, float64, int8, int32, int64, sequence, uint8, uint32, uint64
-from cyclonedds.pub import DataWriter
-from cyclonedds.sub import DataReader
-from cyclonedds.topic import Topic
-from cyclonedds.util import duration
+from cyclonedds.idl.types import array, float64, int8, int64, sequence, uint8, uint32, uint64
+
+from ros import LATCHED, RELIABLE, Header, Peer, Service, Time
 
 PROTOCOL_MAJOR = 1
 MOVING, PRESENTED = 4, 5
 TAKEN, NOT_TAKEN, RELEASED = 0, 1, 2
-
-
-@dataclass
-class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
-    sec: int32 = 0
-    nanosec: uint32 = 0
-
-
-@dataclass
-class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
-    stamp: Time
-    frame_id: str
 
 
 @dataclass
@@ -116,9 +99,6 @@ class FeederState(IdlStruct, typename="minifactory_msgs::msg::dds_::FeederState_
     recipe: str
     open: uint32
     stations: sequence[str]
-
-
-# Requests and replies begin with the client's id and a sequence number: the wire form of rmw_cyclonedds.
 
 
 @dataclass
@@ -206,6 +186,7 @@ class ReportHandoverRequest(IdlStruct, typename="minifactory_msgs::srv::dds_::Re
     client: uint64
     number: int64
     delivery_id: str
+    sequence: uint32
     report: uint8
     message: str
 
@@ -305,59 +286,14 @@ class PurgeResponse(IdlStruct, typename="minifactory_msgs::srv::dds_::Purge_Resp
     message: str
 
 
-# ROS 2 writes plain CDR (XCDR1), and so does every peer of it.
-PLAIN_CDR = Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False)
-RELIABLE = Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(10), PLAIN_CDR)
-LATCHED = Qos(
-    Policy.Reliability.Reliable(duration(milliseconds=100)),
-    Policy.Durability.TransientLocal,
-    Policy.History.KeepLast(1),
-    PLAIN_CDR,
-)
-
-
-class Service:
-    """A client of one service: its endpoints stay open, as an answer may take long."""
-
-    def __init__(self, agent, name, request_kind, response_kind):
-        self.agent, self.name, self.request_kind = agent, name, request_kind
-        self.writer = DataWriter(agent.participant, Topic(agent.participant, f"rq{name}Request", request_kind), qos=RELIABLE)
-        self.reader = DataReader(agent.participant, Topic(agent.participant, f"rr{name}Reply", response_kind), qos=RELIABLE)
-        self.client = uuid.uuid4().int & (2**63 - 1)
-        self.sent, self.answers = 0, {}
-
-    def ask(self, *fields):
-        """Sends a request once both topics are connected; the answer comes with `answer`."""
-        ends = (self.writer.get_matched_subscriptions, self.reader.get_matched_publications)
-        self.agent.wait_until(self.name, lambda: all(matched() for matched in ends))
-        self.sent += 1
-        self.writer.write(self.request_kind(self.client, self.sent, *fields))
-        return self.sent
-
-    def answer(self, number):
-        def answered():
-            for reply in self.reader.take(N=100):
-                if getattr(reply, "client", None) == self.client:
-                    self.answers[reply.number] = reply
-            return number in self.answers
-
-        self.agent.wait_until(f"an answer of {self.name}", answered)
-        return self.answers.pop(number)
-
-    def call(self, *fields):
-        return self.answer(self.ask(*fields))
-
-
-class Agent:
+class Agent(Peer):
     def __init__(self, options):
-        self.participant = DomainParticipant(options.domain)
-        self.deadline = time.monotonic() + options.seconds
+        super().__init__(options.domain, options.seconds)
         self.feeder, self.station = options.feeder, options.station
-        self.facts = self.reader("factsheet", Factsheet, LATCHED)
-        self.states = self.reader("state", FeederState, LATCHED)
-        self.feedback_reader = self.reader("deliver_part/_action/feedback", FeedbackMessage, RELIABLE)
-        self.feedback, self.seen_states = [], []
+        self.facts = self.collect(f"/{self.feeder}/factsheet", Factsheet, LATCHED)
+        self.states = self.collect(f"/{self.feeder}/state", FeederState, LATCHED)
         action = f"/{self.feeder}/deliver_part/_action"
+        self.feedback = self.collect(f"{action}/feedback", FeedbackMessage, RELIABLE)
         self.send_goal = Service(self, f"{action}/send_goal", SendGoalRequest, SendGoalResponse)
         self.get_result = Service(self, f"{action}/get_result", GetResultRequest, GetResultResponse)
         self.cancel_goal = Service(self, f"{action}/cancel_goal", CancelGoalRequest, CancelGoalResponse)
@@ -365,23 +301,13 @@ class Agent:
         self.report = Service(self, report, ReportHandoverRequest, ReportHandoverResponse)
         self.pick = Service(self, f"/{self.station}/pick", PickRequest, PickResponse)
 
-    def reader(self, name, kind, qos):
-        topic = Topic(self.participant, f"rt/{self.feeder}/{name}", kind)
-        return DataReader(self.participant, topic, qos=qos)
+    def progress(self):
+        return f"phases so far: {[message.feedback.phase for message in self.feedback]}"
 
-    def wait_until(self, what, holds):
-        while not holds():
-            if time.monotonic() > self.deadline:
-                phases = [message.feedback.phase for message in self.feedback]
-                sys.exit(f"waited in vain for {what}; phases so far: {phases}")
-            self.feedback.extend(s for s in self.feedback_reader.take(N=100) if s.sample_info.valid_data)
-            self.seen_states.extend(s for s in self.states.take(N=100) if s.sample_info.valid_data)
-            time.sleep(0.002)
-
-    def factsheet(self):
-        facts = []
-        self.wait_until("a factsheet", lambda: facts.extend(self.facts.take(N=10)) or facts)
-        return facts[-1]
+    def factsheet(self, recipe=None):
+        """The factsheet that holds now, or the first one with a recipe in force."""
+        self.wait_until("a factsheet", lambda: self.facts and recipe in (None, self.facts[-1].recipe))
+        return self.facts[-1]
 
     def ask(self, station, tolerance_m, timeout_s=60.0, pose_class=""):
         """Asks for a part; returns the goal's identifier and whether it was accepted."""
@@ -400,10 +326,12 @@ class Agent:
         """One whole delivery: waits, grips, reports, and returns what happened."""
         result = self.get_result.ask(goal)
         told = self.wait_for_phase(goal, PRESENTED)
-        early = self.report.call(told.delivery_id, RELEASED, "")
+        early = self.report.call(told.delivery_id, 1, RELEASED, "")
         grip = self.pick.call(self.station, Pose(Point(tool.x, tool.y, tool.z), Quaternion()), 0.01)
-        taken = self.report.call(told.delivery_id, TAKEN if grip.picked else NOT_TAKEN, grip.message)
-        released = self.report.call(told.delivery_id, RELEASED, "")
+        first = (told.delivery_id, 1, TAKEN if grip.picked else NOT_TAKEN, grip.message)
+        taken, taken_again = self.report.call(*first), self.report.call(*first)
+        misnumbered = self.report.call(told.delivery_id, 1, RELEASED, "")
+        released = self.report.call(told.delivery_id, 2, RELEASED, "")
         answer = self.get_result.answer(result)
         offset = told.part_in_station.position
         return {
@@ -413,6 +341,8 @@ class Agent:
             "released_early": early.accepted,
             "picked": grip.picked,
             "taken": taken.accepted,
+            "taken_again": taken_again.accepted,
+            "misnumbered": misnumbered.accepted,
             "released": released.accepted,
             "status": answer.status,
             "outcome": answer.result.outcome,
@@ -437,13 +367,14 @@ class Agent:
         result = self.get_result.ask(goal)
         told = self.wait_for_phase(goal, PRESENTED)
         answer = self.get_result.answer(result)
-        late = self.report.call(told.delivery_id, TAKEN, "")
+        late = self.report.call(told.delivery_id, 1, TAKEN, "")
         return {"status": answer.status, "outcome": answer.result.outcome, "late_report": late.accepted}
 
     def change_and_purge(self, facts):
         """Before anything is asked for: other recipes, and emptying the plateau."""
         change = Service(self, f"/{self.feeder}/change_recipe", ChangeRecipeRequest, ChangeRecipeResponse)
         purge = Service(self, f"/{self.feeder}/purge", PurgeRequest, PurgeResponse)
+        other = facts.recipes[-1].name
 
         def purged_or_told_why():
             answer = purge.call(20.0)
@@ -451,8 +382,8 @@ class Agent:
 
         return {
             "unknown_recipe": change.call("nonsense").changed,
-            "other_recipe": change.call(facts.recipes[-1].name).changed,
-            "recipe_now": self.factsheet().recipe,
+            "other_recipe": change.call(other).changed,
+            "recipe_now": self.factsheet(other).recipe,
             "purged_for_no_time": purge.call(-1.0).purged,
             "purged_or_told_why": purged_or_told_why(),
             "first_recipe": change.call(facts.recipes[0].name).changed,
@@ -469,9 +400,10 @@ class Agent:
         def claim(agent, area, duration_s, wait_s, lease=""):
             return reserve.call(agent, lease, area, False, False, duration_s, wait_s)
 
-        first = claim("partner_a", corner, 2.0, 0.0)
+        # Long enough for the second claim to come in time on a busy machine.
+        first = claim("partner_a", corner, 15.0, 0.0)
         second = claim("partner_b", corner, 60.0, 0.2)
-        after_expiry = claim("partner_b", corner, 60.0, 30.0)
+        after_expiry = claim("partner_b", corner, 60.0, 60.0)
         renewed_late = claim("partner_a", Area(), 60.0, 0.0, first.lease_id)
         negative = claim("partner_a", corner, -1.0, 0.0)
         parked = claim("partner_a", parking, 60.0, 30.0)
@@ -526,7 +458,7 @@ def main():
         "cancelled": agent.cancel_on_the_way(ask()),
         "silent": agent.leave_without_answer(ask()),
         "delivered_after_all": agent.take_part(tool, ask()),
-        "states": sorted({state.state for state in agent.seen_states}),
+        "states": sorted({state.state for state in agent.states}),
     }
     json.dump(report, sys.stdout)
 

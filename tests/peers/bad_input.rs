@@ -60,7 +60,7 @@ fn report(delivery_id: &str) -> ReportHandoverRequest {
     ReportHandoverRequest {
         delivery_id: delivery_id.to_owned(),
         report: ReportHandoverRequest::TAKEN,
-        message: String::new(),
+        ..ReportHandoverRequest::default()
     }
 }
 

@@ -42,8 +42,11 @@ impl FromStr for EchoConfig {
     }
 }
 
+/// A goal with this tolerance replaces the goals of its client that are running.
+pub(super) const REPLACES_M: f64 = 1.0;
+
 /// Reports are answered with their delivery; goals run as many steps as they allow seconds, or until they are
-/// cancelled, and end with the name of their station.
+/// cancelled or replaced, and end with the name of their station.
 pub(super) struct Echo {
     report: Server<ReportHandover>,
     deliver: ActionServer<DeliverPart>,
@@ -52,6 +55,7 @@ pub(super) struct Echo {
 
 struct Running {
     id: GoalId,
+    client: u64,
     station: String,
     /// Steps that are left; none: until cancelled.
     steps: Option<u32>,
@@ -102,7 +106,11 @@ impl FeederNode for Echo {
                 ServerEvent::Requested(request) => {
                     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a small number")]
                     let steps = Some(request.goal.timeout_s as u32).filter(|steps| *steps > 0);
-                    self.running.push(Running { id: request.id, station: request.goal.station.clone(), steps });
+                    let client = request.client();
+                    if request.goal.tolerance_m.total_cmp(&REPLACES_M).is_eq() {
+                        self.end(io, GoalEnd::Canceled, |running| running.client == client);
+                    }
+                    self.running.push(Running { id: request.id, client, station: request.goal.station.clone(), steps });
                     self.deliver.accept(io, request);
                 }
                 ServerEvent::CancelRequested(id) => {

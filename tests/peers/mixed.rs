@@ -37,12 +37,12 @@ impl Round {
 
     /// Everything but the result.
     fn ask(&self, number: u32, peer: &mut Peer) {
-        let delivery_id = self.token.clone();
-        peer.call(
-            "report",
-            number,
-            &ReportHandoverRequest { delivery_id, report: ReportHandoverRequest::TAKEN, message: String::new() },
-        );
+        let report = ReportHandoverRequest {
+            delivery_id: self.token.clone(),
+            report: ReportHandoverRequest::TAKEN,
+            ..ReportHandoverRequest::default()
+        };
+        peer.call("report", number, &report);
         peer.call("describe", number, &DescribeParametersRequest { names: vec![self.token.clone()] });
         peer.call("get", number, &GetParametersRequest { names: vec!["name".to_owned(); self.values] });
         let goal = DeliverPartGoal { station: self.token.clone(), timeout_s: 3.0, ..DeliverPartGoal::default() };

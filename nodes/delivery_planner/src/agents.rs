@@ -16,6 +16,26 @@ use minifactory_msgs::std_srvs::srv::TriggerResponse;
 
 use crate::{DeliveryPlanner, Open, messages};
 
+/// Reports that are remembered, to know them when they come again: those of some dozens of deliveries.
+const REPORTS_KEPT: usize = 64;
+
+/// A report on a hand-over that was accepted.
+pub(crate) struct Reported(ReportHandoverRequest);
+
+impl Reported {
+    fn is_numbered_as(&self, other: &ReportHandoverRequest) -> bool {
+        (&self.0.delivery_id, self.0.sequence) == (&other.delivery_id, other.sequence)
+    }
+
+    /// Whether `other`, of the same number, is this report once more.
+    fn check_same(&self, other: &ReportHandoverRequest) -> Result<(), String> {
+        if self.0.report == other.report {
+            return Ok(());
+        }
+        Err(format!("sequence = {} of {} was another report", other.sequence, other.delivery_id))
+    }
+}
+
 impl DeliveryPlanner {
     /// Takes in what other agents ask for.
     pub(crate) fn take_requests(&mut self, io: &mut StepIo, now: Duration) {
@@ -41,10 +61,11 @@ impl DeliveryPlanner {
             }
         }
         for (asker, request) in io.requests(&self.ports.handover) {
-            let response = match self.report_handover(&request) {
-                Ok(()) => ReportHandoverResponse { accepted: true, message: String::new() },
-                Err(message) => ReportHandoverResponse { accepted: false, message },
+            let (accepted, message) = match self.report_handover(request) {
+                Ok(()) => (true, String::new()),
+                Err(message) => (false, message),
             };
+            let response = ReportHandoverResponse { accepted, message };
             io.reply(&self.ports.handover, asker, &response);
         }
         for (asker, request) in io.requests(&self.ports.purge) {
@@ -98,7 +119,10 @@ impl DeliveryPlanner {
         self.sequencer.request(now, request).map_err(|refusal| refusal.to_string())
     }
 
-    fn report_handover(&mut self, request: &ReportHandoverRequest) -> Result<(), String> {
+    fn report_handover(&mut self, request: ReportHandoverRequest) -> Result<(), String> {
+        if let Some(known) = self.reported.iter().find(|known| known.is_numbered_as(&request)) {
+            return known.check_same(&request);
+        }
         let id = messages::delivery_of_text(&request.delivery_id)
             .ok_or_else(|| format!("delivery_id = {:?} names no delivery", request.delivery_id))?;
         let report = match request.report {
@@ -110,7 +134,12 @@ impl DeliveryPlanner {
         if report == HandOver::NotTaken {
             tracing::warn!("{} was not taken: {}", request.delivery_id, request.message);
         }
-        self.sequencer.report_hand_over(id, report).map_err(|refusal| refusal.to_string())
+        self.sequencer.report_hand_over(id, report).map_err(|refusal| refusal.to_string())?;
+        if self.reported.len() == REPORTS_KEPT {
+            self.reported.pop_front();
+        }
+        self.reported.push_back(Reported(request));
+        Ok(())
     }
 
     fn begin_purge(&mut self, io: &mut StepIo, now: Duration, asker: Asker, request: &PurgeRequest) {

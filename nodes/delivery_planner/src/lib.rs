@@ -83,6 +83,8 @@ pub struct DeliveryPlanner {
     recipe: usize,
     /// Open goals of agents.
     deliveries: BTreeMap<DeliveryId, Open>,
+    /// The last reports on hand-overs.
+    reported: VecDeque<agents::Reported>,
     moves: BTreeMap<MoveId, GoalId>,
     reserving: BTreeMap<CallId, ReserveId>,
     purging: Option<Asker>,
@@ -168,6 +170,7 @@ impl FeederNode for DeliveryPlanner {
             recipes: recipes.collect::<Result<_, NodeError>>()?,
             recipe: 0,
             deliveries: BTreeMap::new(),
+            reported: VecDeque::new(),
             moves: BTreeMap::new(),
             reserving: BTreeMap::new(),
             purging: None,

@@ -3,6 +3,7 @@
 //! It knows the feeders by their public interface alone: the action `deliver_part` and the service `report_handover`.
 //! Where a scenario names several feeders for a station, it asks them in turn.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use feeder_core::manipulator::{Action, Event, Manipulator, Presented};
@@ -38,6 +39,17 @@ struct Feeder {
     report: Client<ReportHandover>,
 }
 
+/// How often a report is sent before the feeder is given up.
+const REPORT_ATTEMPTS: u32 = 3;
+
+/// A report on a hand-over that its feeder has not answered yet.
+struct Report {
+    /// Index of the feeder.
+    feeder: usize,
+    request: ReportHandoverRequest,
+    attempts: u32,
+}
+
 /// Handles of the manipulator's ports, and which station it stands at.
 pub struct Ports {
     feeders: Vec<FeederPorts>,
@@ -62,6 +74,12 @@ pub struct OverheadManipulator {
     goal: Option<GoalId>,
     presented: bool,
     gripping: Option<CallId>,
+    /// In the order they are to be heard in.
+    reports: VecDeque<Report>,
+    /// The first of them, on its way.
+    reporting: Option<CallId>,
+    /// Number of the last report on this delivery.
+    sequence: u32,
 }
 
 impl FeederNode for OverheadManipulator {
@@ -121,6 +139,9 @@ impl FeederNode for OverheadManipulator {
             goal: None,
             presented: false,
             gripping: None,
+            reports: VecDeque::new(),
+            reporting: None,
+            sequence: 0,
         })
     }
 
@@ -183,12 +204,28 @@ impl OverheadManipulator {
                     events.push(Event::Gripped(if response.picked { Ok(()) } else { Err(response.message) }));
                 }
             }
-            for (_, response) in io.replies(&feeder.report) {
-                if !response.accepted {
-                    tracing::warn!("the feeder did not accept the report: {}", response.message);
+            for (call, response) in io.answers(&feeder.report) {
+                if self.reporting != Some(call) {
+                    continue;
+                }
+                self.reporting = None;
+                match response {
+                    // It may have arrived; by its number the feeder knows it when it comes again.
+                    None if self.reports.front().is_some_and(|report| report.attempts < REPORT_ATTEMPTS) => {}
+                    None => {
+                        tracing::warn!("the feeder does not answer to the report");
+                        self.reports.pop_front();
+                    }
+                    Some(response) => {
+                        if !response.accepted {
+                            tracing::warn!("the feeder did not accept the report: {}", response.message);
+                        }
+                        self.reports.pop_front();
+                    }
                 }
             }
         }
+        self.send_report(io);
         events
     }
 
@@ -200,6 +237,7 @@ impl OverheadManipulator {
                 let id = GoalId(self.random.random());
                 self.goal = Some(id);
                 self.presented = false;
+                self.sequence = 0;
                 let goal = DeliverPartGoal {
                     station: self.station.name.clone(),
                     part_class: self.part_class.clone(),
@@ -223,17 +261,29 @@ impl OverheadManipulator {
                     Ok(()) => (ReportHandoverRequest::TAKEN, String::new()),
                     Err(message) => (ReportHandoverRequest::NOT_TAKEN, message),
                 };
-                self.report(io, &ReportHandoverRequest { delivery_id, report, message });
+                self.report(io, delivery_id, report, message);
             }
             Action::Release { delivery_id } => {
-                let report = ReportHandoverRequest::RELEASED;
-                self.report(io, &ReportHandoverRequest { delivery_id, report, message: String::new() });
+                self.report(io, delivery_id, ReportHandoverRequest::RELEASED, String::new());
             }
         }
     }
 
-    fn report(&self, io: &mut StepIo, request: &ReportHandoverRequest) {
-        io.call(&self.feeders[self.asked].report, request);
+    fn report(&mut self, io: &mut StepIo, delivery_id: String, report: u8, message: String) {
+        self.sequence += 1;
+        let request = ReportHandoverRequest { delivery_id, sequence: self.sequence, report, message };
+        self.reports.push_back(Report { feeder: self.asked, request, attempts: 0 });
+        self.send_report(io);
+    }
+
+    /// Sends the next report once the one before is answered.
+    fn send_report(&mut self, io: &mut StepIo) {
+        if self.reporting.is_none()
+            && let Some(next) = self.reports.front_mut()
+        {
+            next.attempts += 1;
+            self.reporting = Some(io.call(&self.feeders[next.feeder].report, &next.request));
+        }
     }
 
     /// The tool frame: where the axis meets the height of the plateau.

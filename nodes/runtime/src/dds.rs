@@ -31,6 +31,7 @@ mod domain;
 mod error;
 mod executor;
 mod graph;
+mod lull;
 mod names;
 mod participant;
 mod peers;

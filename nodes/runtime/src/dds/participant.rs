@@ -20,6 +20,7 @@ use super::{
     DdsError, DiscoveryRange, Domain, Graph, Guid, NodeName, Qos, Reader, SOCKET_BUFFER_BYTES, Sample, Writer,
     executor::{Executor, Spawner, Task as BackgroundTask},
     graph::{self, Nodes},
+    lull::Lull,
     names::dds_name,
     raw::{Raw, RawAdapter, RawReader, RawWriter},
     tally::{Counter, Loss, Tally},
@@ -51,6 +52,7 @@ pub(super) struct Inner {
     pub(super) executor: Executor,
     announcement: Mutex<Announcement>,
     nodes: Arc<Nodes>,
+    lull: Mutex<Lull>,
     publisher: Publisher,
     subscriber: Subscriber,
     name: NodeName,
@@ -119,6 +121,7 @@ impl Participant {
             executor,
             announcement,
             nodes,
+            lull: Mutex::new(Lull::of(&domain_participant)),
             publisher,
             subscriber,
             name: node.clone(),
@@ -159,8 +162,13 @@ impl Participant {
     /// What discovery knows of other participants now; this one is not part of it.
     #[must_use]
     pub fn discovered(&self) -> Graph {
-        let writers = graph::writers(&self.inner.domain_participant);
-        let readers = graph::readers(&self.inner.domain_participant);
+        // Where its own announcements come back to it, by multicast, the DDS library lists what it has itself too.
+        let own = Guid::from(self.inner.domain_participant.guid()).participant();
+        let mut writers = graph::writers(&self.inner.domain_participant);
+        let mut readers = graph::readers(&self.inner.domain_participant);
+        for endpoints in [&mut writers, &mut readers] {
+            endpoints.retain(|endpoint| endpoint.guid.participant() != own);
+        }
         Graph { nodes: self.inner.nodes.alive(&writers), writers, readers }
     }
 
@@ -209,7 +217,7 @@ impl Participant {
             let topic = self.inner.topic(name, dds_type, &policies)?;
             self.inner.publisher.create_datawriter_no_key(&topic, Some(policies.clone()))
         };
-        let raw = make().map_err(|error| endpoint_error("writer", name, &error))?;
+        let raw = self.inner.in_a_lull(make).map_err(|error| endpoint_error("writer", name, &error))?;
         let guid = raw.guid().into();
         let writer = Writer::start(self.inner.clone(), raw, name, dds_type, *qos);
         self.inner.announcement().change(|a| a.writers.insert(guid));
@@ -229,7 +237,7 @@ impl Participant {
             let topic = self.inner.topic(name, dds_type, &policies)?;
             self.inner.subscriber.create_simple_datareader_no_key(&topic, Some(policies.clone()))
         };
-        let raw = make().map_err(|error| endpoint_error("reader", name, &error))?;
+        let raw = self.inner.in_a_lull(make).map_err(|error| endpoint_error("reader", name, &error))?;
         let guid = raw.guid().into();
         let reader = Reader::start(self.inner.clone(), raw, name.into(), dds_type, *qos, deliver);
         self.inner.announcement().change(|a| a.readers.insert(guid));
@@ -250,6 +258,13 @@ fn endpoint_error(what: &'static str, name: &str, error: &CreateError) -> DdsErr
 impl Inner {
     fn topic(&self, name: &str, dds_type: &str, policies: &QosPolicies) -> Result<Topic, CreateError> {
         self.domain_participant.create_topic(name.to_owned(), dds_type.to_owned(), policies, TopicKind::NoKey)
+    }
+
+    /// Makes an endpoint, one at a time, when that can be done.
+    fn in_a_lull<T>(&self, make: impl FnOnce() -> T) -> T {
+        let lull = self.lull.lock().unwrap_or_else(PoisonError::into_inner);
+        lull.wait();
+        make()
     }
 
     fn announcement(&self) -> MutexGuard<'_, Announcement> {

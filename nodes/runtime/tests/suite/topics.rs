@@ -137,8 +137,17 @@ fn a_writer_counts_many_readers_that_come_and_go_at_once() {
 
 #[test]
 fn a_dropped_participant_leaves_no_ghost() {
-    let domain = TestDomain::claim();
-    let (stays, leaves) = (participant(&domain, "stays"), participant(&domain, "leaves"));
+    let claimed = TestDomain::claim();
+    for range in [DiscoveryRange::Localhost, DiscoveryRange::Subnet] {
+        leave(&Domain { range, ..*claimed });
+    }
+}
+
+fn leave(domain: &Domain) {
+    let (stays, leaves) = (participant(domain, "stays"), participant(domain, "leaves"));
+    // What one has oneself is not discovered, however far discovery reaches.
+    let _own =
+        (stays.reader("/test/in", TYPE, &Qos::command(), |_| ()), stays.writer("/test/out", TYPE, &Qos::command()));
     let reader = leaves.reader("/test/in", TYPE, &Qos::command(), |_| ()).expect("a reader");
     let writer = leaves.writer("/test/out", TYPE, &Qos::command()).expect("a writer");
     wait_until("everything is found", || {
