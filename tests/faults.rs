@@ -309,6 +309,9 @@ fn files_that_are_no_scenario_are_refused() {
         let arguments = command.into_iter().chain([untaught.as_os_str()]);
         assert_refused("a part never taught", &output(arguments), &["untaught.yaml", "part_model", "feeder teach"]);
     }
+    let mistaken = write(folder.path(), "mistaken.yaml", &BUILT_IN.replace("part: grommet", "part: coin"));
+    let refused = output(["check".as_ref(), mistaken.as_os_str()]);
+    assert_refused("a model of another part", &refused, &["mistaken.yaml", "part_model", "coin", "feeder teach"]);
     let nowhere = folder.path().join("nowhere.yaml");
     for command in [vec!["check".as_ref()], vec!["up".as_ref(), "--scenario".as_ref()]] {
         let arguments = command.into_iter().chain([nowhere.as_os_str()]);

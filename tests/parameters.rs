@@ -120,7 +120,7 @@ fn what_is_given_takes_effect_and_what_is_dumped_can_be_given_again() {
     let file = write(&work, "params.yaml", file);
     let domain = TestDomain::claim();
     let here = participant(&domain);
-    let arguments = ["--params-file", text(&file), "-p", "part:=coin", "-p", "courier_driver:x:=1"];
+    let arguments = ["--params-file", text(&file), "-p", "delivery.policy:=selected", "-p", "courier_driver:x:=1"];
     let first = {
         let _running = Node::start(&domain, "vision_selector", &arguments);
         dump(&here, node)
@@ -129,7 +129,7 @@ fn what_is_given_takes_effect_and_what_is_dumped_can_be_given_again() {
         ("camera.jpeg_quality", Value::Integer(70)),
         ("selector.confidence_min", Value::Double(0.8)),
         ("selector.contrast_min_levels", Value::Double(12.5)),
-        ("part", Value::Text("coin".to_owned())),
+        ("delivery.policy", Value::Text("selected".to_owned())),
         ("use_sim_time", Value::Bool(false)),
     ] {
         assert_eq!(first.get(name), Some(&value), "{name}");

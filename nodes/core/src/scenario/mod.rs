@@ -203,6 +203,9 @@ impl FromStr for Scenario {
     }
 }
 
+/// Poses that differ by less in height and reach are the same, m.
+const SAME_SIZE_M: f64 = 1e-6;
+
 /// The longest run, s: 24 hours.
 const DURATION_S_MAX: f64 = 86_400.0;
 
@@ -340,6 +343,7 @@ impl Scenario {
             .map_err(|error| invalid("bulk", &error))?;
         self.validate_camera(&part)?;
         if let Some(Source::Here(model)) = &self.part_model {
+            check_taught(model, &part)?;
             Selector::check(&self.selector(&part), &self.camera.model, &self.tray, model)
                 .map_err(|error| invalid("selector", &error))?;
         }
@@ -411,6 +415,21 @@ impl Scenario {
         }
         Ok(())
     }
+}
+
+/// Checks that a model was taught the part and no other: its poses are as high and reach as far.
+fn check_taught(model: &PartModel, part: &PartType) -> Result<(), ScenarioError> {
+    let same = |a_m: f64, b_m: f64| (a_m - b_m).abs() <= SAME_SIZE_M;
+    let are_same = model.poses.len() == part.poses.len()
+        && model.poses.iter().zip(&part.poses).all(|(taught, pose)| {
+            let reach_m = taught.outline_m.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max);
+            same(taught.height_m, pose.height_m) && same(reach_m, pose.outline.radius_m)
+        });
+    if are_same {
+        return Ok(());
+    }
+    let problem = format!("was taught of another part than {}; teach it anew with `feeder teach`", part.name);
+    Err(ScenarioError::Invalid { section: "part_model", problem })
 }
 
 fn read_model(name: &str, read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<PartModel, ScenarioError> {

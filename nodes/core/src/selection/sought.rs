@@ -234,8 +234,7 @@ impl Sought {
         let mean = self.template.mean();
         let seen = |index: &usize| self.outside_m[*index] <= 0.0 && mean[*index].abs() > 0.15;
         let distance_m = |index: usize| self.template.place_m(index).norm();
-        let nearest_m =
-            (0..mean.len()).filter(seen).map(distance_m).fold(self.radius_m, f64::min);
+        let nearest_m = (0..mean.len()).filter(seen).map(distance_m).fold(self.radius_m, f64::min);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few pixels")]
         let pixels = (nearest_m / self.m_per_px + 1.0).ceil() as usize;
         pixels
