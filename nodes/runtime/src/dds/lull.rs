@@ -20,9 +20,11 @@ use ros2_client::dds::rustdds::{
 };
 
 /// How long nobody must have been found.
-const LULL: Duration = Duration::from_millis(50);
+const LULL: Duration = Duration::from_millis(100);
 /// How long nothing must have happened at all: what is known is compared with the last endpoint.
 const PAUSE: Duration = Duration::from_millis(5);
+/// What the library's threads get for an endpoint before the next one, so that it shows what they compare it with.
+const TURN: Duration = Duration::from_millis(2);
 /// Between two looks.
 const LOOK: Duration = Duration::from_millis(1);
 /// Longest wait: an endpoint is made in the end, however busy the graph is.
@@ -32,19 +34,28 @@ const PATIENCE: Duration = Duration::from_secs(2);
 pub(super) struct Lull {
     events: DomainParticipantStatusListener,
     own: GUID,
+    /// When the last endpoint was made.
+    made: Option<Instant>,
     /// The endpoints of others.
     known: BTreeSet<GUID>,
 }
 
 impl Lull {
     pub(super) fn of(participant: &DomainParticipant) -> Self {
-        Self { events: participant.status_listener(), own: participant.guid(), known: BTreeSet::new() }
+        Self { events: participant.status_listener(), own: participant.guid(), made: None, known: BTreeSet::new() }
     }
 
-    /// Waits until nothing has been found for a while.
-    pub(super) fn wait(&mut self) {
+    /// Makes an endpoint when nothing has been found for a while.
+    pub(super) fn make<T>(&mut self, make: impl FnOnce() -> T) -> T {
+        self.wait();
+        let made = make();
+        self.made = Some(Instant::now());
+        made
+    }
+
+    fn wait(&mut self) {
         let since = Instant::now();
-        let mut until = since;
+        let mut until = self.made.map_or(since, |made| made + TURN);
         while until < since + PATIENCE {
             if let Some(wait) = self.look() {
                 until = until.max(Instant::now() + wait);
