@@ -10,7 +10,7 @@ use rustix::process::Signal;
 use crate::common::{Up, feeder, python};
 
 const RUNS: usize = 3;
-/// Most of the suite's participants and endpoints, of which there are some more.
+/// Most of the suite's endpoints, of which there are some more.
 const THERE: &str = "150";
 /// What is not said goodbye for stays on the graph for fifty seconds.
 const GOODBYE: Duration = Duration::from_secs(15);

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use crate::common::{Up, python};
 
 /// Wall time after which the agent gives up.
-const PATIENCE: Duration = Duration::from_secs(150);
+const PATIENCE: Duration = Duration::from_secs(400);
 
 #[test]
 fn an_agent_without_our_crates_takes_parts_and_learns_why_not() {

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 from cyclonedds.builtin import (
     BuiltinDataReader,
-    BuiltinTopicDcpsParticipant,
     BuiltinTopicDcpsPublication,
     BuiltinTopicDcpsSubscription,
 )
@@ -135,16 +134,15 @@ def topics(participant, options, deadline):
 
 
 def leave(participant, options, deadline):
-    """Waits until so many participants and endpoints of others are there, and then until none is left."""
-    kinds = (BuiltinTopicDcpsParticipant, BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription)
+    """Waits until so many endpoints of others are there, and then until none is left."""
+    kinds = (BuiltinTopicDcpsPublication, BuiltinTopicDcpsSubscription)
     readers = [BuiltinDataReader(participant, kind) for kind in kinds]
     there, came = set(), False
     while time.monotonic() < deadline:
         for sample in (sample for reader in readers for sample in reader.take(N=1000)):
-            owner = getattr(sample, "participant_key", sample.key)
             if sample.sample_info.instance_state != InstanceState.Alive:
                 there.discard(sample.key)
-            elif owner != participant.guid:
+            elif sample.participant_key != participant.guid:
                 there.add(sample.key)
         if not came and len(there) >= options.count:
             came = True

@@ -116,3 +116,30 @@ fn a_trip_cancelled_on_the_way_keeps_to_its_area() {
     assert!(worlds[0].driver.step(1).status.at_rest());
     assert_eq!(worlds[0].sequencer.phase(), Phase::Idle);
 }
+
+/// The courier has hardly left, so that what is left of the way home may be too short for a move along the trip.
+#[test]
+fn a_trip_cancelled_as_it_begins_comes_home() {
+    for after in 0..20 {
+        let platen = Rc::new(RefCell::new(Platen::default()));
+        let mut worlds = worlds(&platen);
+        worlds[0].add_part(0.06, -0.03);
+        let id = worlds[0].request("left", None);
+        let mut moving = 0;
+        for _ in 0..1000 {
+            platen.borrow_mut().step(worlds[0].now);
+            worlds.iter_mut().for_each(World::tick);
+            if worlds[0].sequencer.phase() == Phase::Moving {
+                if moving == after {
+                    let now = worlds[0].now;
+                    assert!(worlds[0].sequencer.cancel(now, id));
+                }
+                moving += 1;
+            }
+        }
+        assert_eq!(worlds[0].finished(), [(id, Err(Failure::Cancelled))], "after {after} ticks");
+        assert_eq!(worlds[0].sequencer.phase(), Phase::Idle, "after {after} ticks");
+        let warned = worlds[0].log.iter().find(|(_, output)| matches!(output, Output::Warning(_)));
+        assert!(warned.is_none(), "after {after} ticks: {warned:?}");
+    }
+}

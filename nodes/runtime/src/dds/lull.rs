@@ -4,10 +4,13 @@
 //! which known endpoints match the new one, and keeps its database locked for reading meanwhile (RustDDS 0.15.1,
 //! `discovery.rs:1850` and `1872`). Where the queue it says so to, of 32, is full, it waits for the network thread, and
 //! that one has to read the database when a participant announces itself (`dp_event_loop.rs:711`). Somebody who makes the
-//! next endpoint then waits to write to the database, which lets no new reader in: none of the three goes on. The queue
-//! is full when many endpoints are found at once, so what finds nothing for a while is on the safe side. A node makes its
-//! endpoints before it finds anybody and does not wait.
+//! next endpoint then waits to write to the database, which lets no new reader in: none of the three goes on.
+//!
+//! The queue is full when many endpoints are found at once. So the next one is made when nobody has been found for a
+//! while, and what the last one was compared with has passed. A node makes its endpoints before it finds anybody, where it
+//! can, and then does not wait.
 
+use std::collections::BTreeSet;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -16,51 +19,78 @@ use ros2_client::dds::rustdds::{
     StatusEvented,
 };
 
-/// How long nothing must have been found.
-const LULL: Duration = Duration::from_millis(50);
+/// How long nobody must have been found.
+const LULL: Duration = Duration::from_millis(100);
+/// How long nothing must have happened at all: what is known is compared with the last endpoint.
+const PAUSE: Duration = Duration::from_millis(5);
+/// What the library's threads get for an endpoint before the next one, so that it shows what they compare it with.
+const TURN: Duration = Duration::from_millis(2);
 /// Between two looks.
-const LOOK: Duration = Duration::from_millis(5);
+const LOOK: Duration = Duration::from_millis(1);
 /// Longest wait: an endpoint is made in the end, however busy the graph is.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 /// Watches what a participant finds.
 pub(super) struct Lull {
-    found: DomainParticipantStatusListener,
+    events: DomainParticipantStatusListener,
     own: GUID,
+    /// When the last endpoint was made.
+    made: Option<Instant>,
+    /// The endpoints of others.
+    known: BTreeSet<GUID>,
 }
 
 impl Lull {
     pub(super) fn of(participant: &DomainParticipant) -> Self {
-        Self { found: participant.status_listener(), own: participant.guid() }
+        Self { events: participant.status_listener(), own: participant.guid(), made: None, known: BTreeSet::new() }
     }
 
-    /// Waits until nothing has been found for a while.
-    pub(super) fn wait(&self) {
+    /// Makes an endpoint when nothing has been found for a while.
+    pub(super) fn make<T>(&mut self, make: impl FnOnce() -> T) -> T {
+        self.wait();
+        let made = make();
+        self.made = Some(Instant::now());
+        made
+    }
+
+    fn wait(&mut self) {
         let since = Instant::now();
-        let mut found_at = None;
-        while since.elapsed() < PATIENCE {
-            if self.has_found() {
-                found_at = Some(Instant::now());
+        let mut until = self.made.map_or(since, |made| made + TURN);
+        while until < since + PATIENCE {
+            if let Some(wait) = self.look() {
+                until = until.max(Instant::now() + wait);
             }
-            if found_at.is_none_or(|at| at.elapsed() >= LULL) {
+            if Instant::now() >= until {
                 return;
             }
             sleep(LOOK);
         }
     }
 
-    /// Whether others have come, or were compared with an endpoint of this participant, since the last look.
-    fn has_found(&self) -> bool {
-        let mut found = false;
-        while let Some(event) = self.found.try_recv_status() {
-            found |= match event {
+    /// How long to wait for what has happened since the last look.
+    fn look(&mut self) -> Option<Duration> {
+        let mut wait = None;
+        while let Some(event) = self.events.try_recv_status() {
+            let is_new = match event {
                 Event::ParticipantDiscovered { .. } => true,
-                Event::ReaderDetected { reader: found } | Event::WriterDetected { writer: found } => {
-                    found.guid.prefix != self.own.prefix
+                Event::ReaderDetected { reader: end } | Event::WriterDetected { writer: end } => {
+                    if end.guid.prefix == self.own.prefix {
+                        continue;
+                    }
+                    self.known.insert(end.guid)
                 }
-                _ => false,
+                Event::ParticipantLost { id, .. } => {
+                    self.known.retain(|guid| guid.prefix != id);
+                    continue;
+                }
+                Event::ReaderLost { guid, .. } | Event::WriterLost { guid, .. } => {
+                    self.known.remove(&guid);
+                    continue;
+                }
+                _ => continue,
             };
+            wait = wait.max(Some(if is_new { LULL } else { PAUSE }));
         }
-        found
+        wait
     }
 }

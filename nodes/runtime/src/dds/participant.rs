@@ -262,9 +262,7 @@ impl Inner {
 
     /// Makes an endpoint, one at a time, when that can be done.
     fn in_a_lull<T>(&self, make: impl FnOnce() -> T) -> T {
-        let lull = self.lull.lock().unwrap_or_else(PoisonError::into_inner);
-        lull.wait();
-        make()
+        self.lull.lock().unwrap_or_else(PoisonError::into_inner).make(make)
     }
 
     fn announcement(&self) -> MutexGuard<'_, Announcement> {

@@ -196,6 +196,38 @@ fn a_stopped_reliable_reader_fills_the_writer_and_the_body_comes_back() {
     wait_until("without the reader there is room again", || writer.publish(body(0, 8)).is_ok());
 }
 
+/// The DDS library locks up where endpoints are made while many others are found; see `dds/lull.rs`.
+#[test]
+fn participants_that_come_up_all_at_once_find_each_other() {
+    const PARTICIPANTS: usize = 8;
+    const TOPICS: usize = 15;
+    let claimed = TestDomain::claim();
+    let domain = Domain { range: DiscoveryRange::Subnet, ..*claimed };
+    let (sender, came) = mpsc::channel();
+    for number in 0..PARTICIPANTS {
+        let sender = sender.clone();
+        // Not joined: one that is locked up never ends.
+        std::thread::spawn(move || {
+            let peer = participant(&domain, &format!("peer_{number}"));
+            let topics: Vec<_> = (0..TOPICS).map(|topic| format!("/test/topic_{topic}")).collect();
+            let readers: Vec<_> =
+                topics.iter().map(|topic| peer.reader(topic, TYPE, &Qos::command(), |_| ())).collect();
+            let writers: Vec<_> = topics.iter().map(|topic| peer.writer(topic, TYPE, &Qos::command())).collect();
+            sender.send((readers, writers)).expect("the test waits");
+        });
+    }
+    let all: Vec<_> = (0..PARTICIPANTS).map(|_| came.recv_timeout(PATIENCE).expect("nobody is locked up")).collect();
+    for (readers, writers) in &all {
+        let others = PARTICIPANTS - 1;
+        wait_until("all writers are found", || {
+            readers.iter().flatten().filter(|reader| reader.matched_writers() >= others).count() == TOPICS
+        });
+        wait_until("all readers are found", || {
+            writers.iter().flatten().filter(|writer| writer.matched_readers() >= others).count() == TOPICS
+        });
+    }
+}
+
 #[test]
 fn nobody_is_found_with_discovery_off() {
     let domain = TestDomain::claim();

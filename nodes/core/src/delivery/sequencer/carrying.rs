@@ -71,10 +71,13 @@ impl DeliverySequencer {
         self.leases.ask(area, duration, wait, &mut self.outputs);
     }
 
-    /// The way home from anywhere on the trip's way: on or back along it, whichever is shorter.
+    /// The way home from anywhere on the trip's way: on or back along it, whichever is shorter. Back is no way home for a
+    /// trip that began elsewhere.
     fn way_home_m(&self, here_m: Vector2<f64>) -> Vec<Vector2<f64>> {
         let off_m = |pair: &[Vector2<f64>]| segment_distance_m((pair[0], pair[1]), (here_m, here_m));
         let pieces = self.trip_m.windows(2).map(off_m).enumerate();
+        let home_m = self.config.feeding_place.xy();
+        let began_at_home = self.trip_m.first().is_some_and(|first| (first - home_m).norm() <= 2.0 * Self::ARRIVED_M);
         let nearest = pieces.min_by(|(_, a), (_, b)| a.total_cmp(b)).map_or(0, |(index, _)| index);
         let back = self.trip_m[..=nearest.min(self.trip_m.len().saturating_sub(1))].iter().rev();
         let on = self.trip_m.iter().skip(nearest + 1);
@@ -86,11 +89,15 @@ impl DeliverySequencer {
                     way_m.push(*point);
                 }
             });
+            // So near to the trip's end that no leg is left, but not yet at home: a cancelled trip that had hardly begun.
+            if way_m.len() == 1 {
+                way_m.push(home_m);
+            }
             way_m
         };
         let (back_m, on_m) = (way(&mut back.into_iter()), way(&mut on.into_iter()));
         let length_m = |way_m: &[Vector2<f64>]| way_m.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum::<f64>();
-        if length_m(&back_m) < length_m(&on_m) { back_m } else { on_m }
+        if began_at_home && length_m(&back_m) < length_m(&on_m) { back_m } else { on_m }
     }
 
     fn protected(&self, selected: &[&Candidate]) -> Vec<Vector2<f64>> {
