@@ -57,7 +57,14 @@ impl Search {
         places.sort_unstable();
         let ends = (0..rings).map(|ring| places.partition_point(|(other, _, _)| *other <= ring)).collect();
         let places = places.into_iter().map(|(_, column, row)| (column, row)).collect();
-        Self { places, ends, occupied: Vec::new(), at_border: Vec::new(), misses: vec![Vec::new(); sought.len()], columns: 0 }
+        Self {
+            places,
+            ends,
+            occupied: Vec::new(),
+            at_border: Vec::new(),
+            misses: vec![Vec::new(); sought.len()],
+            columns: 0,
+        }
     }
 
     /// Places worth a closer look, in the order of poses and then of the image.

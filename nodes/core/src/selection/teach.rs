@@ -1,7 +1,7 @@
 //! Learns from pictures what a part looks like.
 
 use image::GrayImage;
-use nalgebra::{Isometry2, DMatrix, DVector, Matrix3, Point2, Rotation2, Vector2};
+use nalgebra::{DMatrix, DVector, Isometry2, Matrix3, Point2, Rotation2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::detector::Detector;
