@@ -25,7 +25,6 @@ import cv2
 import numpy as np
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
-PLANES = ("mean", "yaw_cos", "yaw_sin", "yaw_cos_2", "yaw_sin_2", "slant_x", "slant_y")
 STRIDE = 2
 RING_MISS_MAX = 6.0
 TURN_STEP_PX = 1.4
@@ -43,8 +42,8 @@ class Pose:
     """A taught pose, ready to be looked for at a pixel per texel."""
 
     def __init__(self, taught):
-        self.mean = plane(taught["mean"])
-        self.planes = [plane(taught[name]) for name in PLANES]
+        self.at_yaws = [plane(rows) for rows in taught["at_yaws"]]
+        self.mean = sum(self.at_yaws) / len(self.at_yaws)
         self.side = len(self.mean)
         self.texel_m = taught["texel_m"]
         self.symmetry = taught["yaw_symmetry"]
@@ -73,8 +72,13 @@ class Pose:
 
     def picture(self, yaw):
         """The picture expected at a yaw, seen from straight above."""
-        factors = (1.0, np.cos(yaw), np.sin(yaw), np.cos(2 * yaw), np.sin(2 * yaw), 0.0, 0.0)
-        return sum(factor * plane for factor, plane in zip(factors, self.planes))
+        steps = len(self.at_yaws) - 1
+        if steps == 0:
+            return self.at_yaws[0]
+        period = 2.0 * np.pi / self.symmetry
+        place = (yaw % period) / period * steps
+        first = min(int(place), steps - 1)
+        return self.at_yaws[first] + (place - first) * (self.at_yaws[first + 1] - self.at_yaws[first])
 
     def turn(self, yaw):
         """Template and mask as the image shows them: its rows run downwards."""
@@ -156,6 +160,8 @@ class Pipeline:
 
     def refine(self, relative, pose, yaw, x, y):
         """Place and yaw by Gauss-Newton; the template's gradient is taken at the guess."""
+        if pose.symmetry:
+            yaw %= 2.0 * np.pi / pose.symmetry
         picture = pose.picture(yaw)
         along_x = cv2.Sobel(picture, cv2.CV_32F, 1, 0, ksize=1) * 0.5
         along_y = cv2.Sobel(picture, cv2.CV_32F, 0, 1, ksize=1) * 0.5

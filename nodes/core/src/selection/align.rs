@@ -11,7 +11,7 @@ use crate::camera::single;
 /// A texel that misses by more standard deviations counts no more than this many.
 const MISS_SIGMAS_MAX: f32 = 4.0;
 /// Steps of the fit at most, and the step below which it is done, px.
-const STEPS_MAX: usize = 12;
+const STEPS_MAX: usize = 8;
 const STEP_PX_MIN: f64 = 0.03;
 /// How far the fit may lead from where it began, px, and by what share of a turn.
 const DRIFT_PX_MAX: f64 = 3.0;
@@ -56,8 +56,9 @@ impl Bare {
 }
 
 /// Mean square miss of a turned part at a pixel of the window and its evidence as in [`Fit`]; infinitely bad where too
-/// little of it is seen.
-pub(super) fn coarse(frame: &Segmentation, turn: &Turn, column: usize, row: usize) -> (f32, f32) {
+/// little of it is seen, or where the first points miss by more than `cost_max`.
+pub(super) fn coarse(frame: &Segmentation, turn: &Turn, column: usize, row: usize, cost_max: f32) -> (f32, f32) {
+    const FIRST: u16 = 24;
     let (width, height) = (frame.window.width, frame.window.height);
     let noise = frame.sigma * frame.sigma;
     let bare = Bare::new(noise);
@@ -77,6 +78,9 @@ pub(super) fn coarse(frame: &Segmentation, turn: &Turn, column: usize, row: usiz
         sum += miss * miss;
         evidence += bare.outdone(level, miss, inverse_sigma);
         seen += 1;
+        if seen == FIRST && sum > cost_max * f32::from(FIRST) {
+            return (f32::INFINITY, f32::NEG_INFINITY);
+        }
     }
     let seen = f32::from(seen);
     if seen < SEEN_MIN * turn.points.len() as f32 {

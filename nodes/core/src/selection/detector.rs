@@ -18,10 +18,14 @@ use crate::camera::{CameraModel, MountedTray};
 const BLOB_PX_MIN: usize = 9;
 /// Mean square miss up to which a guess is worth fitting.
 const COARSE_COST_MAX: f32 = 7.0;
+/// The same for the first points looked at.
+const FIRST_COST_MAX: f32 = 11.0;
 /// What a pixel beside may make of the miss.
-const BESIDE_COST: f32 = 2.0;
+const BESIDE_COST: f32 = 3.0;
 /// A second yaw is tried where it misses by at most this much more than the best.
 const SECOND_YAW_COST: f32 = 1.5;
+/// Yaws tried at most at a seed.
+const YAWS_MAX: usize = 3;
 /// Share of a part's area that others may cover before it is taken for one of them.
 const OVERLAP_MAX: f64 = 0.2;
 /// Share of a part's area that another explanation of the same thing covers.
@@ -142,7 +146,7 @@ impl Detector {
             return;
         };
         let mut looks: Vec<(f32, f32)> =
-            turns.iter().map(|turn| coarse(&self.segmentation, turn, seed.column, seed.row)).collect();
+            turns.iter().map(|turn| coarse(&self.segmentation, turn, seed.column, seed.row, FIRST_COST_MAX)).collect();
         let mut best = 0;
         for index in 1..looks.len() {
             if looks[index].0 < looks[best].0 {
@@ -159,7 +163,7 @@ impl Detector {
                 continue;
             }
             for (column, row) in beside(seed) {
-                let look = coarse(&self.segmentation, turn, column, row);
+                let look = coarse(&self.segmentation, turn, column, row, FIRST_COST_MAX);
                 if look.0 < looks[index].0 {
                     looks[index] = look;
                     if look.0 <= looks[best].0 {
@@ -173,18 +177,20 @@ impl Detector {
             return;
         };
         let cost_after = |index: usize, step: usize| looks[(index + step) % looks.len()].0;
-        for (index, (cost, evidence)) in looks.iter().copied().enumerate() {
-            let valley = cost <= cost_after(index, 1) && cost <= cost_after(index, looks.len() - 1);
-            let tried = index == best || (valley && cost <= looks[best].0 + SECOND_YAW_COST);
-            if tried && cost <= COARSE_COST_MAX {
-                let yaw_rad = turns[index].yaw_rad - view.platen_from_tray.rotation.angle();
-                guesses.push(Found {
-                    pose: seed.pose,
-                    fit: Fit { centre, yaw_rad, cost, evidence },
-                    lead: f32::INFINITY,
-                });
-            }
-        }
+        let mut valleys: Vec<usize> = (0..looks.len())
+            .filter(|index| {
+                let cost = looks[*index].0;
+                let lowest = cost <= cost_after(*index, 1) && cost <= cost_after(*index, looks.len() - 1);
+                // What bare floor explains better is no part.
+                lowest && cost <= COARSE_COST_MAX.min(looks[best].0 + SECOND_YAW_COST) && looks[*index].1 > 0.0
+            })
+            .collect();
+        valleys.sort_by(|a, b| looks[*a].0.total_cmp(&looks[*b].0));
+        guesses.extend(valleys.into_iter().take(YAWS_MAX).map(|index| {
+            let (cost, evidence) = looks[index];
+            let yaw_rad = turns[index].yaw_rad - view.platen_from_tray.rotation.angle();
+            Found { pose: seed.pose, fit: Fit { centre, yaw_rad, cost, evidence }, lead: f32::INFINITY }
+        }));
     }
 
     /// Leaves out guesses that another one near does better: with the same pose and yaw it leads to the same fit, and with
@@ -199,7 +205,7 @@ impl Detector {
             for other in kept.iter_mut().filter(|other| (other.fit.centre - guess.fit.centre).norm() <= near_m) {
                 let lead = self.lead(other, &guess);
                 if other.pose == guess.pose {
-                    worth_fitting &= self.yaws_differ(other, &guess);
+                    worth_fitting &= lead <= COARSE_LEAD && self.yaws_differ(other, &guess);
                 } else if lead > COARSE_LEAD {
                     other.lead = other.lead.min(lead);
                     worth_fitting = false;

@@ -268,10 +268,10 @@ impl Segmentation {
         points
     }
 
-    /// Relative brightness at a place of the window, bilinear, in its units, and the index of a pixel there; `None` off the
-    /// window.
+    /// Relative brightness at a place of the window, in its units, and the index of a pixel there; `None` off the window.
+    /// Cubic convolution (Keys 1981, a = −½): between pixels, linear interpolation would miss an edge by several levels.
     pub(super) fn relative_at(&self, x: f32, y: f32) -> Option<(f32, usize)> {
-        if !(x >= 0.0 && y >= 0.0) {
+        if !(x >= 1.0 && y >= 1.0) {
             return None;
         }
         #[expect(
@@ -280,17 +280,32 @@ impl Segmentation {
             reason = "not negative, and a cast saturates"
         )]
         let (column, row) = (x as usize, y as usize);
-        if column + 1 >= self.window.width || row + 1 >= self.window.height {
+        if column + 2 >= self.window.width || row + 2 >= self.window.height {
             return None;
         }
-        let index = row * self.window.width + column;
-        let below = index + self.window.width;
-        let (upper, lower) = (self.relative.get(index..index + 2)?, self.relative.get(below..below + 2)?);
-        let (across, down) = (x - column as f32, y - row as f32);
-        let along = |pair: &[i16]| f32::from(pair[0]) + across * (f32::from(pair[1]) - f32::from(pair[0]));
-        let (upper, lower) = (along(upper), along(lower));
-        Some((upper + down * (lower - upper), index))
+        let across = cubic_weights(x - column as f32);
+        let down = cubic_weights(y - row as f32);
+        let first = (row - 1) * self.window.width + column - 1;
+        let mut level = 0.0;
+        for (line, weight) in down.into_iter().enumerate() {
+            let start = first + line * self.window.width;
+            let values = self.relative.get(start..start + 4)?;
+            let along: f32 = values.iter().zip(across).map(|(value, weight)| f32::from(*value) * weight).sum();
+            level += weight * along;
+        }
+        Some((level, row * self.window.width + column))
     }
+}
+
+/// Weights of four neighbours at a share of the way from the second to the third.
+fn cubic_weights(share: f32) -> [f32; 4] {
+    let t = share;
+    [
+        t * (-0.5 + t * (1.0 - 0.5 * t)),
+        1.0 + t * t * (1.5 * t - 2.5),
+        t * (0.5 + t * (2.0 - 1.5 * t)),
+        t * t * (0.5 * t - 0.5),
+    ]
 }
 
 /// Sums over a radial bin of a plateau without parts.

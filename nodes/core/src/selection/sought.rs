@@ -19,8 +19,10 @@ pub(super) const FREE_SIGMA: f32 = 0.02;
 pub(super) const BARE_BRIGHT_SIGMA: f32 = 0.12;
 pub(super) const BARE_DARK_SIGMA: f32 = 0.3;
 /// Most points compared in the coarse search and in the fine one.
-const COARSE_POINTS_MAX: usize = 120;
+const COARSE_POINTS_MAX: usize = 100;
 const FINE_POINTS_MAX: usize = 500;
+/// Every so many points of the coarse search come first, so that the first ones are spread over the part.
+const SPREAD: usize = 5;
 /// Most corners of an outline: of a circle 1 % is cut off.
 const OUTLINE_CORNERS_MAX: usize = 24;
 /// Step between slants of the line of sight in the coarse search.
@@ -160,6 +162,8 @@ impl Sought {
         }
         let all = points.len() as f32;
         thin(&mut points, COARSE_POINTS_MAX);
+        let points: Vec<CoarsePoint> =
+            (0..SPREAD).flat_map(|first| points.iter().copied().skip(first).step_by(SPREAD)).collect();
         let point_weight = all / points.len().max(1) as f32;
         Turn { yaw_rad, points, point_weight }
     }
