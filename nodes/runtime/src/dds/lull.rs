@@ -20,15 +20,15 @@ use ros2_client::dds::rustdds::{
 };
 
 /// How long nobody must have been found.
-const LULL: Duration = Duration::from_millis(100);
+const LULL: Duration = Duration::from_millis(20);
 /// How long nothing must have happened at all: what is known is compared with the last endpoint.
 const PAUSE: Duration = Duration::from_millis(5);
 /// What the library's threads get for an endpoint before the next one, so that it shows what they compare it with.
-const TURN: Duration = Duration::from_millis(2);
+const TURN: Duration = Duration::from_millis(1);
 /// Between two looks.
 const LOOK: Duration = Duration::from_millis(1);
-/// Longest wait: an endpoint is made in the end, however busy the graph is.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// Longest wait: nodes that come up together must not keep each other waiting.
+const PATIENCE: Duration = Duration::from_millis(200);
 
 /// Watches what a participant finds.
 pub(super) struct Lull {
