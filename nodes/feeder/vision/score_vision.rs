@@ -63,7 +63,7 @@ const HEADER: &str = "part      cover sigma frames parts/frame found% in pose% s
                       p95 mm p95 deg render ms select ms";
 
 /// The scenario with a part of the catalogue under a camera of this resolution, straight above the plateau's middle.
-pub(crate) fn scenario(name: &str, m_per_px: f64) -> anyhow::Result<Scenario> {
+fn scenario(name: &str, m_per_px: f64) -> anyhow::Result<Scenario> {
     let mut scenario = Scenario { part: PartSource::Name(name.to_owned()), part_model: None, ..Scenario::default() };
     let spec = CameraSpec::from(scenario.camera.model.clone());
     let height_m = spec.pose.height_m;

@@ -314,7 +314,7 @@ mod tests {
     fn the_hub_and_the_plateau_hide_what_lies_behind() {
         let scene = scene("grommet", 0.0);
         // Far from under the camera, lines of sight are slanted enough.
-        let shot = TrayShot::still(Isometry2::new(Vector2::new(0.36, 0.3), 0.0));
+        let shot = TrayShot::still(Isometry2::new(Vector2::new(0.345, 0.3), 0.0));
         let empty = picture(&scene, &shot, &[]);
         let inside_hub = Point3::new(0.027, 0.0, scene.tray.geometry.rise_m + scene.tray.lip_m);
         let image = picture(&scene, &shot, &[PartView { z_m: 0.0, ..part(0.033, 0.05, BOSS_UP) }]);
@@ -353,7 +353,7 @@ mod tests {
         // The part lies right under the camera, so that no line of sight is slanted.
         let shot = TrayShot::still(Isometry2::new(Vector2::new(0.3 - view.x_m, 0.3 - view.y_m), 0.0));
         let levels = |turn_rad: f64| {
-            let mut scene = scene("bracket", 0.0);
+            let mut scene = scene("block", 0.0);
             scene.light = LightModel {
                 azimuth_rad: scene.light.azimuth_rad + turn_rad,
                 gradient_right_ratio: 0.0,
