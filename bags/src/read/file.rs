@@ -112,7 +112,8 @@ impl McapFile {
                 opened.channels.extend(summary.channels);
                 opened.counts = statistics.channel_message_counts;
                 let bounds = (statistics.message_start_time, statistics.message_end_time);
-                opened.summary_bounds_ns = (statistics.message_count > 0).then_some(bounds);
+                let makes_sense = statistics.message_count > 0 && bounds.0 <= bounds.1;
+                opened.summary_bounds_ns = makes_sense.then_some(bounds);
             }
             _ => opened.read_everything(problems),
         }
@@ -125,7 +126,8 @@ impl McapFile {
 
     pub(super) fn bounds_ns(&self) -> Option<(u64, u64)> {
         let bounds = self.segments.iter().filter(|segment| !segment.is_chunk || segment.end_ns > 0);
-        let seen = bounds.map(|segment| (segment.start_ns, segment.end_ns));
+        // What is damaged may end before it begins.
+        let seen = bounds.map(|segment| (segment.start_ns, segment.end_ns)).filter(|(start, end)| start <= end);
         self.summary_bounds_ns.or_else(|| seen.reduce(|(start, end), (from, to)| (start.min(from), end.max(to))))
     }
 

@@ -37,8 +37,8 @@ impl Default for SelectorConfig {
             part_clearance_m: 0.001,
             wall_clearance_m: -0.001,
             contrast_min_levels: 10.0,
-            miss_max: 3.5,
-            recognised_miss_max: 2.0,
+            miss_max: 4.5,
+            recognised_miss_max: 3.5,
             evidence_lead_min: 0.15,
             tracker: TrackerConfig::default(),
         }

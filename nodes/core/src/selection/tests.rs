@@ -112,10 +112,10 @@ fn taught(part: &PartType) -> PartModel {
     let scene = scene(part, 2.0);
     let renderer = Renderer::new(&scene).unwrap();
     let mut random = Pcg64Mcg::seed_from_u64(42);
-    let mut lessons: Vec<Vec<LaidPart>> = vec![Vec::new(); 4];
+    let mut lessons: Vec<Vec<LaidPart>> = vec![Vec::new(); 6];
     for pose in 0..part.poses.len() {
         let apart_m = 2.0 * part.outline_radius_m() + 0.004;
-        lessons.extend((0..10).map(|_| strewn(part, Some(pose), 9, apart_m, &mut random)));
+        lessons.extend((0..16).map(|_| strewn(part, Some(pose), 9, apart_m, &mut random)));
     }
     let images: Vec<GrayImage> =
         lessons.iter().map(|parts| shoot(&renderer, &over_camera(), parts, &mut random)).collect();
@@ -240,7 +240,7 @@ fn only_what_lies_wholly_on_the_plateau_is_on_it() {
 
 #[test]
 fn gaps_to_walls_are_measured() {
-    let parts = [at(0.090 - RADIUS_M, 4.2, 0), at(0.030 + RADIUS_M, 5.2, 0), at(0.06, 4.7, 0)];
+    let parts = [at(0.090 - RADIUS_M, 4.2, 0), at(0.030 + RADIUS_M, 3.7, 0), at(0.06, 4.7, 0)];
     let candidates = selector().detect(&simple_picture(&parts), &over_camera()).unwrap();
     assert_seen(&candidates, &parts);
     for candidate in candidates {
