@@ -22,12 +22,12 @@ const SIGHT_PLACES: [(f32, f32, f32); SIGHTS] = {
         (-2.0 * ninth, -4.0 * ninth, 0.0),
         (1.0 * ninth, -3.0 * ninth, 3.0 * ninth),
         (4.0 * ninth, -2.0 * ninth, -2.0 * ninth),
-        (-3.0 * ninth, -1.0 * ninth, -4.0 * ninth),
+        (-3.0 * ninth, -ninth, -4.0 * ninth),
         (0.0, 0.0, 1.0 * ninth),
         (3.0 * ninth, 1.0 * ninth, 4.0 * ninth),
         (-4.0 * ninth, 2.0 * ninth, 2.0 * ninth),
-        (-1.0 * ninth, 3.0 * ninth, -3.0 * ninth),
-        (2.0 * ninth, 4.0 * ninth, -1.0 * ninth),
+        (-ninth, 3.0 * ninth, -3.0 * ninth),
+        (2.0 * ninth, 4.0 * ninth, -ninth),
     ]
 };
 
