@@ -223,7 +223,6 @@ impl FeedObserver {
 
 #[cfg(test)]
 mod tests {
-
     use super::*;
     use crate::parts::tests::disc;
 

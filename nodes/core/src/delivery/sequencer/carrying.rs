@@ -77,22 +77,20 @@ impl DeliverySequencer {
         let off_m = |pair: &[Vector2<f64>]| segment_distance_m((pair[0], pair[1]), (here_m, here_m));
         let pieces = self.trip_m.windows(2).map(off_m).enumerate();
         let home_m = self.config.feeding_place.xy();
+        let is_off = |point: &Vector2<f64>, place: &Vector2<f64>| (point - place).norm() > Self::ARRIVED_M;
         let began_at_home = self.trip_m.first().is_some_and(|first| (first - home_m).norm() <= 2.0 * Self::ARRIVED_M);
         let nearest = pieces.min_by(|(_, a), (_, b)| a.total_cmp(b)).map_or(0, |(index, _)| index);
         let back = self.trip_m[..=nearest.min(self.trip_m.len().saturating_sub(1))].iter().rev();
         let on = self.trip_m.iter().skip(nearest + 1);
         let way = |rest: &mut dyn Iterator<Item = &Vector2<f64>>| {
             let mut way_m = vec![here_m];
-            // Corners that the courier stands on already are no legs.
+            // Corners that the courier stands on already, or that are home, are no legs.
             rest.for_each(|point| {
-                if way_m.last().is_some_and(|last| (point - last).norm() > Self::ARRIVED_M) {
+                if is_off(point, &home_m) && way_m.last().is_some_and(|last| is_off(point, last)) {
                     way_m.push(*point);
                 }
             });
-            // So near to the trip's end that no leg is left, but not yet at home: a cancelled trip that had hardly begun.
-            if way_m.len() == 1 {
-                way_m.push(home_m);
-            }
+            way_m.push(home_m);
             way_m
         };
         let (back_m, on_m) = (way(&mut back.into_iter()), way(&mut on.into_iter()));
