@@ -8,12 +8,8 @@ use super::hull::{distance_m, gap_m};
 use super::view::View;
 use crate::camera::single;
 
-/// Reach of a part's own shade beyond its outline, in its height and in pixels: what is seen there is no obstacle of its
-/// own.
-const HALO_HEIGHTS: f64 = 1.0;
-const HALO_PX: f64 = 2.0;
 /// Strip along the plateau's edges, px, where the walls' shade may pass for an obstacle and is not taken for one.
-const EDGE_STRIP_PX: f64 = 4.0;
+pub(super) const EDGE_STRIP_PX: f64 = 4.0;
 /// How far into a wall a part that touches it may be measured, px.
 const WALL_MISS_PX: f64 = 1.5;
 /// How far beyond the edge of the plateau a part's outline may be measured for the part to lie on it, px.
@@ -78,7 +74,8 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
         }
         let beyond_m =
             outline.iter().map(|corner| detector.tray.inside_sector_m(*corner)).fold(f64::INFINITY, f64::min);
-        let (pose, confidence) = recognise(part, config);
+        let miss_max = detector.sought[part.pose].template.miss_max + detector.sought[part.pose].noise_miss;
+        let (pose, confidence) = recognise(part, miss_max, config);
         candidates.push(Candidate {
             x_m: part.fit.centre.x,
             y_m: part.fit.centre.y,
@@ -92,14 +89,14 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
         });
         outlines.push((part.pose, outline));
     }
-    measure_gaps(detector, view, m_per_px, &outlines, &mut candidates);
+    measure_gaps(detector, view, &outlines, &mut candidates);
     candidates
 }
 
 /// The pose, and how sure it is: from one half at the least accepted to 1, with the match and with the lead over other
 /// explanations.
-fn recognise(part: &Found, config: &SelectorConfig) -> (Option<usize>, f64) {
-    let (miss_max, lead_min) = (single(config.recognised_miss_max), single(config.evidence_lead_min));
+fn recognise(part: &Found, miss_max: f32, config: &SelectorConfig) -> (Option<usize>, f64) {
+    let lead_min = single(config.evidence_lead_min);
     if part.fit.cost > miss_max || part.lead < lead_min {
         return (None, 0.0);
     }
@@ -112,12 +109,11 @@ fn recognise(part: &Found, config: &SelectorConfig) -> (Option<usize>, f64) {
 fn measure_gaps(
     detector: &Detector,
     view: &View,
-    m_per_px: f64,
     outlines: &[(usize, Vec<Point2<f64>>)],
     candidates: &mut [Candidate],
 ) {
     let reach_m = |pose: usize| detector.sought[pose].radius_m;
-    let halo_m = |pose: usize| HALO_HEIGHTS * detector.sought[pose].template.height_m + HALO_PX * m_per_px;
+    let shade_m = |pose: usize| detector.sought[pose].template.shade_reach_m;
     let centres: Vec<Point2<f64>> = candidates.iter().map(Candidate::centre).collect();
     for (index, (pose, outline)) in outlines.iter().enumerate() {
         for (other, (other_pose, other_outline)) in outlines.iter().enumerate().skip(index + 1) {
@@ -131,8 +127,8 @@ fn measure_gaps(
         let near: Vec<(usize, f64)> = outlines
             .iter()
             .enumerate()
-            .filter(|(index, (pose, _))| (centres[*index] - obstacle).norm() < reach_m(*pose) + halo_m(*pose) + NEAR_M)
-            .map(|(index, (pose, outline))| (index, distance_m(outline, &obstacle) - halo_m(*pose)))
+            .filter(|(index, (pose, _))| (centres[*index] - obstacle).norm() < reach_m(*pose) + shade_m(*pose) + NEAR_M)
+            .map(|(index, (pose, outline))| (index, distance_m(outline, &obstacle) - shade_m(*pose)))
             .collect();
         // Within a part's own shade nothing else can be told.
         if near.iter().any(|(_, beyond_m)| *beyond_m <= 0.0) {

@@ -21,8 +21,6 @@ pub struct SelectorConfig {
     pub contrast_min_levels: f64,
     /// Mean square miss, in the template's standard deviations, up to which something is a part.
     pub miss_max: f64,
-    /// Mean square miss up to which its pose counts as recognised.
-    pub recognised_miss_max: f64,
     /// By how much, per texel, the evidence for a pose must be stronger than that for another in the same place.
     pub evidence_lead_min: f64,
     /// Following parts from frame to frame.
@@ -33,12 +31,11 @@ impl Default for SelectorConfig {
     fn default() -> Self {
         Self {
             wanted_poses: vec![0],
-            confidence_min: 0.6,
+            confidence_min: 0.7,
             part_clearance_m: 0.001,
             wall_clearance_m: -0.001,
             contrast_min_levels: 10.0,
-            miss_max: 4.5,
-            recognised_miss_max: 3.5,
+            miss_max: 2.5,
             evidence_lead_min: 0.15,
             tracker: TrackerConfig::default(),
         }
@@ -54,11 +51,9 @@ impl SelectorConfig {
     pub fn validate(&self) -> Result<(), InvalidValue> {
         let confidence = self.confidence_min;
         require((0.0..=1.0).contains(&confidence), "selector.confidence_min", confidence, "0 to 1")?;
-        for (field, value) in [
-            ("selector.miss_max", self.miss_max),
-            ("selector.recognised_miss_max", self.recognised_miss_max),
-            ("selector.evidence_lead_min", self.evidence_lead_min),
-        ] {
+        for (field, value) in
+            [("selector.miss_max", self.miss_max), ("selector.evidence_lead_min", self.evidence_lead_min)]
+        {
             require((0.01..=16.0).contains(&value), field, value, "0.01 to 16")?;
         }
         for (field, value) in

@@ -6,22 +6,26 @@ use image::GrayImage;
 use nalgebra::{Isometry2, Point2, Rotation2, Vector2};
 
 use super::ImageFault;
-use super::align::{Fit, NO_PART, Owners, coarse, refine};
+use super::align::{Fineness, Fit, NO_PART, Owners, coarse, glance, refine};
 use super::search::{Search, Seed};
 use super::segment::{Plateau, Segmentation};
-use super::sought::{FREE_SIGMA, SHADE_SIGMA, Sought, slant_index};
+use super::sought::{FREE_SIGMA, SHADE_SIGMA, Sought, Turn, slant_index};
 use super::template::PartModel;
 use super::view::{RayTable, View};
 use crate::camera::{CameraModel, MountedTray};
 
 /// Smallest thing that counts as an obstacle, px.
 const BLOB_PX_MIN: usize = 9;
+/// Mean square miss at a glance up to which a place is looked at closely.
+const GLANCE_COST_MAX: f32 = 5.0;
 /// Mean square miss up to which a guess is worth fitting.
-const COARSE_COST_MAX: f32 = 7.0;
+const COARSE_COST_MAX: f32 = 5.0;
 /// The same for the first points looked at.
-const FIRST_COST_MAX: f32 = 11.0;
+const FIRST_COST_MAX: f32 = 9.0;
 /// What a pixel beside may make of the miss.
-const BESIDE_COST: f32 = 3.0;
+const BESIDE_COST: f32 = 2.0;
+/// Mean square miss up to which a rough fit is worth a fine one.
+const ROUGH_COST_MAX: f32 = 4.0;
 /// A second yaw is tried where it misses by at most this much more than the best.
 const SECOND_YAW_COST: f32 = 1.5;
 /// Yaws tried at most at a seed.
@@ -109,65 +113,75 @@ impl Detector {
         let (camera, tray) = (self.camera.clone(), self.tray);
         let view = View { camera: &camera, tray: &tray, platen_from_tray: *platen_from_tray };
         self.segmentation.look(&view, &self.rays, image, &self.plateau, contrast_min_levels, BLOB_PX_MIN)?;
+        let noise = self.segmentation.sigma * self.segmentation.sigma;
+        self.sought.iter_mut().for_each(|sought| sought.expect_noise(noise));
         self.owners.clear();
         self.owners.extend(self.segmentation.bins.iter().map(|bin| if *bin == 0 { NO_PART } else { 0 }));
         let mut guesses = Vec::new();
-        for seed in self.search.seeds(&self.segmentation, &self.sought) {
+        let glance = |seed: Seed| {
+            let turns = turns_at(&view, &self.segmentation, &self.sought[seed.pose], seed);
+            let least =
+                |least: f32, turn: &Turn| least.min(glance(&self.segmentation, turn, seed.column, seed.row, least));
+            let miss = turns.iter().fold(GLANCE_COST_MAX, least);
+            if miss < GLANCE_COST_MAX { miss } else { f32::INFINITY }
+        };
+        for seed in self.search.seeds(&self.segmentation, &self.sought, glance) {
             self.guess(&view, seed, &mut guesses);
         }
         let guesses = self.distinct(guesses);
-        let nobody = Owners { of: &self.owners, own: 0, beside_sigma: SHADE_SIGMA };
-        let frame = &self.segmentation;
-        let mut fits: Vec<Found> = guesses
-            .into_iter()
-            .filter_map(|guess| {
-                let fit = refine(frame, &view, &self.sought[guess.pose], guess.fit, &nobody)?;
-                (fit.cost <= cost_max).then_some(Found { fit, ..guess })
-            })
-            .collect();
+        let mut fits: Vec<Found> = guesses.into_iter().filter_map(|guess| self.fitted(&view, guess)).collect();
         fits.sort_by(|a, b| b.fit.evidence.total_cmp(&a.fit.evidence));
         let mut owners = std::mem::take(&mut self.owners);
         let mut found = self.explain(&view, fits, &mut owners);
         self.owners = owners;
         self.fit_again(&view, &mut found);
+        // Among others a part fits only once those are known: what does not fit then is none.
+        let fits = |found: &Found| found.fit.cost <= cost_max;
+        for owner in self.owners.iter_mut().filter(|owner| **owner != NO_PART) {
+            if usize::from(*owner).checked_sub(1).is_some_and(|part| !fits(&found[part])) {
+                *owner = 0;
+            }
+        }
+        found.retain(fits);
         Ok(found)
+    }
+
+    /// The fit that a guess leads to.
+    fn fitted(&self, view: &View, guess: Found) -> Option<Found> {
+        let nobody = Owners { of: &self.owners, own: 0, beside_sigma: SHADE_SIGMA };
+        let refined = |start: Fit, fineness: Fineness| {
+            refine(&self.segmentation, view, &self.sought[guess.pose], start, &nobody, fineness)
+        };
+        let rough = refined(guess.fit, Fineness::Rough).filter(|fit| fit.cost <= ROUGH_COST_MAX)?;
+        let fit = refined(rough, Fineness::Full)?;
+        Some(Found { fit, ..guess })
     }
 
     /// First guesses of the yaw at a seed.
     fn guess(&self, view: &View, seed: Seed, guesses: &mut Vec<Found>) {
         let sought = &self.sought[seed.pose];
         let window = self.segmentation.window;
-        // The seed is a pixel or so beside the centre: the place where the best turn misses least is taken.
-        let seeded = Point2::new((window.left + seed.column) as f64, (window.top + seed.row) as f64);
-        let Some(slant) = view.tray_point(seeded, sought.plane_m).map(|place| view.slant(place, sought.plane_m)) else {
-            return;
-        };
-        let Some(turns) = sought.turns.get(slant_index(slant)) else {
-            return;
-        };
-        let mut looks: Vec<(f32, f32)> =
-            turns.iter().map(|turn| coarse(&self.segmentation, turn, seed.column, seed.row, FIRST_COST_MAX)).collect();
-        let mut best = 0;
-        for index in 1..looks.len() {
-            if looks[index].0 < looks[best].0 {
-                best = index;
-            }
-        }
-        if looks[best].0 > COARSE_COST_MAX + BESIDE_COST {
-            return;
-        }
-        let worth_a_look = looks[best].0 + BESIDE_COST;
+        let turns = turns_at(view, &self.segmentation, sought, seed);
+        let mut least = f32::INFINITY;
+        let mut looks: Vec<(f32, f32)> = turns
+            .iter()
+            .map(|turn| {
+                let cost_max = FIRST_COST_MAX.min(least + BESIDE_COST);
+                let look = coarse(&self.segmentation, turn, seed.column, seed.row, cost_max);
+                least = least.min(look.0);
+                look
+            })
+            .collect();
+        // The seed may be a pixel beside the centre: the place where the best turn misses least is taken.
+        let worth_a_look = least + BESIDE_COST;
         let mut best_place = (seed.column, seed.row);
-        for (index, turn) in turns.iter().enumerate() {
-            if looks[index].0 > worth_a_look {
-                continue;
-            }
+        for (look, turn) in looks.iter_mut().zip(turns).filter(|(look, _)| look.0 <= worth_a_look) {
             for (column, row) in beside(seed) {
-                let look = coarse(&self.segmentation, turn, column, row, FIRST_COST_MAX);
-                if look.0 < looks[index].0 {
-                    looks[index] = look;
-                    if look.0 <= looks[best].0 {
-                        (best, best_place) = (index, (column, row));
+                let other = coarse(&self.segmentation, turn, column, row, look.0);
+                if other.0 < look.0 {
+                    *look = other;
+                    if other.0 <= least {
+                        (least, best_place) = (other.0, (column, row));
                     }
                 }
             }
@@ -176,17 +190,7 @@ impl Detector {
         let Some(centre) = view.tray_point(pixel, sought.plane_m) else {
             return;
         };
-        let cost_after = |index: usize, step: usize| looks[(index + step) % looks.len()].0;
-        let mut valleys: Vec<usize> = (0..looks.len())
-            .filter(|index| {
-                let cost = looks[*index].0;
-                let lowest = cost <= cost_after(*index, 1) && cost <= cost_after(*index, looks.len() - 1);
-                // What bare floor explains better is no part.
-                lowest && cost <= COARSE_COST_MAX.min(looks[best].0 + SECOND_YAW_COST) && looks[*index].1 > 0.0
-            })
-            .collect();
-        valleys.sort_by(|a, b| looks[*a].0.total_cmp(&looks[*b].0));
-        guesses.extend(valleys.into_iter().take(YAWS_MAX).map(|index| {
+        guesses.extend(valleys(&looks).into_iter().map(|index| {
             let (cost, evidence) = looks[index];
             let yaw_rad = turns[index].yaw_rad - view.platen_from_tray.rotation.angle();
             Found { pose: seed.pose, fit: Fit { centre, yaw_rad, cost, evidence }, lead: f32::INFINITY }
@@ -282,7 +286,7 @@ impl Detector {
             let own = u16::try_from(index + 1).unwrap_or(u16::MAX);
             let beside_sigma = if alone { FREE_SIGMA } else { SHADE_SIGMA };
             let owners = Owners { of: &self.owners, own, beside_sigma };
-            if let Some(fit) = refine(&self.segmentation, view, sought, part.fit, &owners) {
+            if let Some(fit) = refine(&self.segmentation, view, sought, part.fit, &owners, Fineness::Full) {
                 // What is seen beside tells where a part is, not what it is.
                 let told = if alone { part.fit } else { fit };
                 part.fit = Fit { cost: told.cost, evidence: told.evidence, ..fit };
@@ -301,6 +305,31 @@ impl Detector {
         let outline = self.sought.get(pose).map_or(&[][..], |sought| &sought.outline_m);
         outline.iter().map(|corner| centre + turn * corner.coords).collect()
     }
+}
+
+/// The turns as the camera sees them at a seed; none where it sees no place.
+fn turns_at<'a>(view: &View, frame: &Segmentation, sought: &'a Sought, seed: Seed) -> &'a [Turn] {
+    let seeded = Point2::new((frame.window.left + seed.column) as f64, (frame.window.top + seed.row) as f64);
+    let slant = view.tray_point(seeded, sought.plane_m).map(|place| view.slant(place, sought.plane_m));
+    slant.and_then(|slant| sought.turns.get(slant_index(slant))).map_or(&[], Vec::as_slice)
+}
+
+/// Of what all turns look like (mean square miss and evidence), the few that miss less than those next to them, the best
+/// first.
+fn valleys(looks: &[(f32, f32)]) -> Vec<usize> {
+    let cost_after = |index: usize, step: usize| looks[(index + step) % looks.len()].0;
+    let least = looks.iter().map(|look| look.0).fold(f32::INFINITY, f32::min);
+    let mut valleys: Vec<usize> = (0..looks.len())
+        .filter(|index| {
+            let cost = looks[*index].0;
+            let lowest = cost <= cost_after(*index, 1) && cost <= cost_after(*index, looks.len() - 1);
+            // What bare floor explains better is no part.
+            lowest && cost <= COARSE_COST_MAX.min(least + SECOND_YAW_COST) && looks[*index].1 > 0.0
+        })
+        .collect();
+    valleys.sort_by(|a, b| looks[*a].0.total_cmp(&looks[*b].0));
+    valleys.truncate(YAWS_MAX);
+    valleys
 }
 
 /// The pixels beside a seed that are tried.

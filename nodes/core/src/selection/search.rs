@@ -1,4 +1,5 @@
-//! Where to look closer: the rings of brightness about a place tell, whatever the yaw, whether a part may lie there.
+//! Where to look closer: the rings of brightness about a place tell, whatever the yaw, whether a part may lie there; of a part
+//! that does not look the same from all sides, a glance at all yaws tells where that is likeliest.
 
 use super::segment::{RELATIVE_UNITS, Segmentation};
 use super::sought::Sought;
@@ -7,13 +8,23 @@ use super::sought::Sought;
 const STRIDE: usize = 2;
 /// A ring that misses by more standard deviations counts no more than this many.
 const MISS_SIGMAS_MAX: f32 = 3.0;
-/// Share of a ring that must lie on the plateau for the ring to count.
-const RING_SEEN_MIN: f32 = 0.6;
+/// Where more of a ring than this lies off the plateau, relative to what lies on it, the ring does not count.
+const RING_HIDDEN_MAX: f32 = 0.7;
 /// The largest mean square miss there can be.
 pub(super) const MISS_MAX: f32 = MISS_SIGMAS_MAX * MISS_SIGMAS_MAX;
 
 /// Weight of the rings that must be seen.
 const RING_WEIGHT_MIN: f32 = 0.3;
+
+/// What a frame shows of a ring.
+#[derive(Clone, Copy, Debug, Default)]
+struct RingSum {
+    /// Mean relative brightness, and mean shade of the walls.
+    mean: f32,
+    wall_shade: f32,
+    /// Pixels off the plateau, relative to those on it.
+    hidden: f32,
+}
 
 /// A place where a part may lie.
 #[derive(Clone, Copy, Debug)]
@@ -36,6 +47,8 @@ pub(super) struct Search {
     at_border: Vec<bool>,
     /// For each pose and place, its mean square miss.
     misses: Vec<Vec<f32>>,
+    /// For each place, what a glance at a pose misses.
+    glances: Vec<f32>,
     /// Places in a row of the latest frame.
     columns: usize,
 }
@@ -63,12 +76,14 @@ impl Search {
             occupied: Vec::new(),
             at_border: Vec::new(),
             misses: vec![Vec::new(); sought.len()],
+            glances: Vec::new(),
             columns: 0,
         }
     }
 
-    /// Places worth a closer look, in the order of poses and then of the image.
-    pub(super) fn seeds(&mut self, frame: &Segmentation, sought: &[Sought]) -> Vec<Seed> {
+    /// Places worth a closer look, in the order of poses and then of the image: those where the rings miss least and, of poses
+    /// with a yaw, where a `glance` at the place misses least.
+    pub(super) fn seeds(&mut self, frame: &Segmentation, sought: &[Sought], glance: impl Fn(Seed) -> f32) -> Vec<Seed> {
         let (width, height) = (frame.window.width, frame.window.height);
         let (columns, rows) = (width / STRIDE, height / STRIDE);
         let hollow_px = sought.iter().map(|sought| sought.hollow_px).max().unwrap_or(0);
@@ -87,7 +102,7 @@ impl Search {
             })
             .collect();
         let reach = self.ends.len();
-        let mut sums = vec![0.0_f32; reach];
+        let mut summed = vec![RingSum::default(); reach];
         let noise = frame.sigma * frame.sigma;
         for row in 0..rows {
             for column in 0..columns {
@@ -98,15 +113,17 @@ impl Search {
                 }
                 let whole = x >= reach && y >= reach && x + reach < width && y + reach < height;
                 if whole && !self.at_border[place] {
-                    self.sum_rings(&frame.relative, y * width + x, &offsets, &mut sums);
+                    self.sum_rings(frame, y * width + x, &offsets, &mut summed);
                 } else {
-                    self.sum_rings_at_border(frame, x, y, &mut sums);
+                    self.sum_rings_at_border(frame, x, y, &mut summed);
                 }
                 for (misses, sought) in self.misses.iter_mut().zip(sought) {
                     let (mut miss, mut weight) = (0.0, 0.0);
-                    for (ring, sum) in sought.rings.iter().zip(&sums).filter(|(_, sum)| !sum.is_nan()) {
-                        let difference = sum - ring.mean;
-                        miss += ring.weight * (difference * difference / (ring.variance + noise)).min(MISS_MAX);
+                    let rings = sought.rings.iter().zip(&summed);
+                    for (ring, sum) in rings.filter(|(_, sum)| sum.hidden <= RING_HIDDEN_MAX) {
+                        let difference = sum.mean - ring.mean - ring.wall_shade * sum.wall_shade;
+                        let variance = ring.variance + noise + ring.variance_along * sum.hidden;
+                        miss += ring.weight * (difference * difference / variance).min(MISS_MAX);
                         weight += ring.weight;
                     }
                     misses[place] = if weight >= RING_WEIGHT_MIN { miss / weight } else { MISS_MAX };
@@ -114,7 +131,21 @@ impl Search {
             }
         }
         self.columns = columns;
-        self.minima(columns, rows, sought)
+        let mut seeds = Vec::new();
+        for (pose, (misses, sought)) in self.misses.iter().zip(sought).enumerate() {
+            let ring_miss_max = sought.template.ring_miss_max;
+            if sought.template.yaw_symmetry == 0 {
+                minima(misses, columns, ring_miss_max, pose, &mut seeds);
+                continue;
+            }
+            self.glances.clear();
+            self.glances.extend(misses.iter().enumerate().map(|(place, miss)| {
+                let seed = Seed { pose, column: place % columns * STRIDE, row: place / columns * STRIDE };
+                if *miss <= ring_miss_max { glance(seed) } else { f32::INFINITY }
+            }));
+            minima(&self.glances, columns, f32::MAX, pose, &mut seeds);
+        }
+        seeds
     }
 
     /// The least mean square miss of a pose in the latest frame within a place of a pixel of the window.
@@ -134,60 +165,53 @@ impl Search {
         spread_cells(&frame.bins, width, size, |bin| bin == 0, reach, &mut self.at_border);
     }
 
-    /// Mean relative brightness of each ring about a pixel.
-    fn sum_rings(&self, relative: &[i16], centre: usize, offsets: &[isize], means: &mut [f32]) {
+    /// Sums each ring about a pixel.
+    fn sum_rings(&self, frame: &Segmentation, centre: usize, offsets: &[isize], summed: &mut [RingSum]) {
+        let wall_shade = frame.wall_shade(centre);
         let mut start = 0;
-        for (mean, end) in means.iter_mut().zip(&self.ends) {
+        for (result, end) in summed.iter_mut().zip(&self.ends) {
             let ring = &offsets[start..*end];
-            let sum: i32 = ring.iter().map(|offset| i32::from(relative[centre.wrapping_add_signed(*offset)])).sum();
-            *mean = sum as f32 / (ring.len() as f32 * RELATIVE_UNITS);
+            let level = |offset: &isize| i32::from(frame.relative[centre.wrapping_add_signed(*offset)]);
+            let sum: i32 = ring.iter().map(level).sum();
+            *result = RingSum { mean: sum as f32 / (ring.len() as f32 * RELATIVE_UNITS), wall_shade, hidden: 0.0 };
             start = *end;
         }
     }
 
-    /// The same near the border of the plateau: of each ring what lies on it; NaN where that is too little.
-    fn sum_rings_at_border(&self, frame: &Segmentation, x: usize, y: usize, means: &mut [f32]) {
+    /// The same near the border of the plateau: of each ring what lies on it.
+    fn sum_rings_at_border(&self, frame: &Segmentation, x: usize, y: usize, summed: &mut [RingSum]) {
         let (width, height) = (frame.window.width, frame.window.height);
         let mut start = 0;
-        for (mean, end) in means.iter_mut().zip(&self.ends) {
-            let (mut sum, mut count) = (0.0, 0.0_f32);
+        for (result, end) in summed.iter_mut().zip(&self.ends) {
+            let (mut sum, mut shade, mut count) = (0.0, 0.0, 0.0_f32);
             for (column, row) in &self.places[start..*end] {
                 let place = x.checked_add_signed(*column).zip(y.checked_add_signed(*row));
                 let place = place.filter(|(x, y)| *x < width && *y < height).map(|(x, y)| y * width + x);
                 if let Some(index) = place.filter(|index| frame.bins[*index] != 0) {
                     sum += f32::from(frame.relative[index]);
+                    shade += frame.wall_shade(index);
                     count += 1.0;
                 }
             }
-            let enough = count >= RING_SEEN_MIN * (end - start) as f32;
-            *mean = if enough { sum / (count * RELATIVE_UNITS) } else { f32::NAN };
+            let hidden = ((end - start) as f32 - count) / count;
+            *result = RingSum { mean: sum / (count * RELATIVE_UNITS), wall_shade: shade / count, hidden };
             start = *end;
         }
     }
+}
 
-    /// Places where no neighbour misses by less.
-    fn minima(&self, columns: usize, rows: usize, sought: &[Sought]) -> Vec<Seed> {
-        let mut seeds = Vec::new();
-        for (pose, (misses, sought)) in self.misses.iter().zip(sought).enumerate() {
-            for row in 0..rows {
-                for column in 0..columns {
-                    let here = misses[row * columns + column];
-                    if here > sought.template.ring_miss_max {
-                        continue;
-                    }
-                    let near = |index: usize, size: usize| index.saturating_sub(1)..(index + 2).min(size);
-                    let mut others =
-                        near(row, rows).flat_map(|row| near(column, columns).map(move |column| row * columns + column));
-                    let place = row * columns + column;
-                    // Of equals the first counts.
-                    let lowest = others.all(|other| misses[other] > here || (misses[other] >= here && other >= place));
-                    if lowest {
-                        seeds.push(Seed { pose, column: column * STRIDE, row: row * STRIDE });
-                    }
-                }
-            }
+/// Places where no neighbour misses by less, and the place itself by at most `miss_max`.
+fn minima(misses: &[f32], columns: usize, miss_max: f32, pose: usize, seeds: &mut Vec<Seed>) {
+    let near = |index: usize, size: usize| index.saturating_sub(1)..(index + 2).min(size);
+    let rows = misses.len() / columns.max(1);
+    for (place, here) in misses.iter().enumerate().filter(|(_, miss)| **miss <= miss_max) {
+        let (row, column) = (place / columns, place % columns);
+        let mut others =
+            near(row, rows).flat_map(|row| near(column, columns).map(move |column| row * columns + column));
+        // Of equals the first counts.
+        if others.all(|other| misses[other] > *here || (misses[other] >= *here && other >= place)) {
+            seeds.push(Seed { pose, column: column * STRIDE, row: row * STRIDE });
         }
-        seeds
     }
 }
 

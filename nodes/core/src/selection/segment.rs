@@ -25,7 +25,7 @@ const SIGMAS: f32 = 5.0;
 /// Bins across the plateau's width for what the walls do to the light.
 pub(super) const RADIAL_BINS: usize = 200;
 
-/// Brightness is kept relative to the bare plateau's, as the difference in these units.
+/// Brightness is kept relative to the bare plateau's in full light, as the difference in these units.
 pub(super) const RELATIVE_UNITS: f32 = 2048.0;
 /// Inertia of the fit, in shares of the plateau: where little of the plateau is free, and that in the shade of parts, the
 /// taught light counts.
@@ -67,7 +67,8 @@ pub(super) struct Segmentation {
     pub bins: Vec<u8>,
     /// What the walls make of the light at each pixel.
     shade: Vec<f32>,
-    /// Brightness above the bare plateau's, relative to it, in units of [`RELATIVE_UNITS`]; 0 off the plateau.
+    /// Brightness above that of a bare plateau out of the walls' shade, relative to it, in units of [`RELATIVE_UNITS`]; 0 off
+    /// the plateau.
     pub relative: Vec<i16>,
     /// Standard deviation of that on the bare plateau, 1.
     pub sigma: f32,
@@ -119,11 +120,11 @@ impl Segmentation {
             let inputs = self.smooth[range.clone()].iter().zip(&self.bins[range.clone()]).zip(&self.shade[range]);
             let levels = across.light_row(&light, row);
             for (((relative, foreground), ((value, bin), shade)), level) in outputs.zip(inputs).zip(levels) {
-                let expected = (level * shade).max(1.0);
                 let on_plateau = f32::from(u8::from(*bin > 0));
-                let difference = (f32::from(*value) * (1.0 / LEVELS) - expected) * on_plateau;
-                *foreground = u8::from(difference.abs() > threshold);
-                let ratio = (difference / expected * RELATIVE_UNITS).clamp(-32_000.0, 32_000.0);
+                let value = f32::from(*value) * (1.0 / LEVELS);
+                *foreground = u8::from((value - level * shade).abs() * on_plateau > threshold);
+                let light = level.max(1.0);
+                let ratio = ((value - light) * on_plateau / light * RELATIVE_UNITS).clamp(-32_000.0, 32_000.0);
                 #[expect(clippy::cast_possible_truncation, reason = "clamped to i16")]
                 let ratio = ratio as i16;
                 *relative = ratio;
@@ -204,8 +205,8 @@ impl Segmentation {
                 deviations[usize::from(crate::camera::grey_level(deviation * LEVELS))] += 1;
             }
         }
-        // Median absolute deviation of a normal distribution.
-        let sigma_levels = 1.4826 * (median_bin(&deviations).unwrap_or(0) as f32 + 0.5) / LEVELS;
+        // The lower quartile of a normal distribution's absolute deviations: what is in the shade of parts deviates more.
+        let sigma_levels = 3.1384 * (lower_quartile_bin(&deviations).unwrap_or(0) as f32 + 0.5) / LEVELS;
         Ok((quadratic, sigma_levels))
     }
 
@@ -266,6 +267,36 @@ impl Segmentation {
             }
         }
         points
+    }
+
+    /// What the walls' shade adds to the bare plateau's relative brightness at a pixel.
+    pub(super) fn wall_shade(&self, index: usize) -> f32 {
+        self.shade[index] - 1.0
+    }
+
+    /// As [`Self::relative_at`], by straight lines between pixels.
+    pub(super) fn relative_near(&self, x: f32, y: f32) -> Option<(f32, usize)> {
+        if !(x >= 0.0 && y >= 0.0) {
+            return None;
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "not negative, and a cast saturates"
+        )]
+        let (column, row) = (x as usize, y as usize);
+        let width = self.window.width;
+        if column + 1 >= width || row + 1 >= self.window.height {
+            return None;
+        }
+        let index = row * width + column;
+        let (across, down) = (x - column as f32, y - row as f32);
+        let along = |index: usize| {
+            let (left, right) = (f32::from(self.relative[index]), f32::from(self.relative[index + 1]));
+            left + across * (right - left)
+        };
+        let (above, below) = (along(index), along(index + width));
+        Some((above + down * (below - above), index))
     }
 
     /// Relative brightness at a place of the window, in its units, and the index of a pixel there; `None` off the window.
@@ -383,13 +414,13 @@ pub(super) fn hub_level(view: &View, image: &GrayImage) -> Option<f32> {
     (count >= 0.5 * RINGS.len() as f32 * SPOKES as f32).then(|| sum / count)
 }
 
-fn median_bin(histogram: &[u32]) -> Option<usize> {
+fn lower_quartile_bin(histogram: &[u32]) -> Option<usize> {
     let total: u32 = histogram.iter().sum();
     let mut below = 0;
     (total > 0).then_some(())?;
     histogram.iter().position(|count| {
         below += count;
-        2 * below >= total
+        4 * below >= total
     })
 }
 

@@ -35,10 +35,13 @@ const RING_MISS_PX: f32 = 0.7;
 /// A ring about the part's centre, one pixel wide.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ring {
-    /// Mean brightness above the plateau's.
+    /// Mean brightness above the plateau's, and the share of the walls' shade that lies on it.
     pub mean: f32,
+    pub wall_shade: f32,
     /// Variance of that.
     pub variance: f32,
+    /// Variance along the ring: what is seen of a part of it tells the mean no better.
+    pub variance_along: f32,
     /// What the ring counts.
     pub weight: f32,
 }
@@ -50,7 +53,12 @@ pub(super) struct CoarsePoint {
     pub column: isize,
     pub row: isize,
     pub value: f32,
+    /// Share of the walls' shade that lies on it.
+    pub wall_shade: f32,
     pub variance: f32,
+    /// One over the standard deviation under the noise of the latest frame, and the logarithm of that.
+    pub inverse_sigma: f32,
+    pub log_inverse_sigma: f32,
 }
 
 /// The part turned by some yaw.
@@ -77,6 +85,8 @@ pub(super) struct Sought {
     /// Texels compared in the fine search, and how many each stands for.
     pub texels: Vec<usize>,
     pub texel_weight: f32,
+    /// What the noise of the latest frame alone makes a part miss, mean square in standard deviations: below 1.
+    pub noise_miss: f32,
     /// For each texel how far outside the outline it lies, m; 0 inside.
     pub outside_m: Vec<f32>,
     /// The outline, round ones with fewer corners than the drawing has, m.
@@ -100,6 +110,7 @@ impl Sought {
             turns: Vec::new(),
             texels: Vec::new(),
             texel_weight: 1.0,
+            noise_miss: 0.0,
             outside_m: outside_m(template),
             outline_m: template.outline_m.clone(),
             radius_m,
@@ -154,7 +165,17 @@ impl Sought {
                     #[expect(clippy::cast_possible_truncation, reason = "a few dozen pixels")]
                     let (column, row) = (column as isize, row as isize);
                     let variance = self.variance(index, SHADE_SIGMA) + self.displacement_variance(&picture, index);
-                    points.push(CoarsePoint { column, row, value: picture[index], variance });
+                    let (value, wall_shade) = (picture[index], self.template.wall_shade.values()[index]);
+                    let (inverse_sigma, log_inverse_sigma) = (0.0, 0.0);
+                    points.push(CoarsePoint {
+                        column,
+                        row,
+                        value,
+                        wall_shade,
+                        variance,
+                        inverse_sigma,
+                        log_inverse_sigma,
+                    });
                 }
                 column += 1.0;
             }
@@ -166,6 +187,16 @@ impl Sought {
             (0..SPREAD).flat_map(|first| points.iter().copied().skip(first).step_by(SPREAD)).collect();
         let point_weight = all / points.len().max(1) as f32;
         Turn { yaw_rad, points, point_weight }
+    }
+
+    /// Prepares for a frame whose bare plateau has this variance.
+    pub(super) fn expect_noise(&mut self, variance: f32) {
+        let share = |index: &usize| variance / (self.variance(*index, SHADE_SIGMA) + variance);
+        self.noise_miss = self.texels.iter().map(share).sum::<f32>() / self.texels.len().max(1) as f32;
+        for point in self.turns.iter_mut().flatten().flat_map(|turn| &mut turn.points) {
+            point.inverse_sigma = 1.0 / (point.variance + variance).sqrt();
+            point.log_inverse_sigma = point.inverse_sigma.ln();
+        }
     }
 
     /// Texels that show the part, or lie within `rim_m` of it.
@@ -200,16 +231,20 @@ impl Sought {
         const SPOKES: usize = 48;
         let mean = self.template.mean();
         let deviation = self.template.deviation.values();
+        let wall_shade = self.template.wall_shade.values();
         let mut rings = Vec::new();
         while rings.len() as f64 <= self.radius_m / self.m_per_px {
             let radius_m = rings.len() as f64 * self.m_per_px;
-            let (mut sum, mut square, mut within, mut count) = (0.0, 0.0, 0.0, 0.0_f32);
+            let (mut sum, mut level_square, mut shade) = (0.0, 0.0, 0.0);
+            let (mut square, mut within, mut count) = (0.0, 0.0, 0.0_f32);
             for spoke in 0..SPOKES {
                 let (sin, cos) = (TAU * spoke as f64 / SPOKES as f64).sin_cos();
                 let Some(index) = self.texel(Vector2::new(cos, sin) * radius_m) else {
                     continue;
                 };
                 sum += mean[index];
+                level_square += mean[index] * mean[index];
+                shade += wall_shade[index];
                 square += deviation[index] * deviation[index];
                 within += f32::from(u8::from(self.outside_m[index] <= 0.0));
                 count += 1.0;
@@ -218,7 +253,10 @@ impl Sought {
             // What of the ring lies beside the part shows the plateau, a shadow or a neighbour.
             let beside = 1.0 - within / count;
             let variance = square / count * 0.25 + (0.3 * beside).powi(2);
-            rings.push(Ring { mean: sum / count, variance, weight: (rings.len() as f32 + 0.25).sqrt() });
+            let weight = (rings.len() as f32 + 0.25).sqrt();
+            let mean = sum / count;
+            let variance_along = (level_square / count - mean * mean).max(0.0);
+            rings.push(Ring { mean, wall_shade: shade / count, variance, variance_along, weight });
         }
         // A ring summed beside the centre sees something of its neighbours.
         let means: Vec<f32> = rings.iter().map(|ring| ring.mean).collect();

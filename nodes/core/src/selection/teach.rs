@@ -4,10 +4,12 @@ use image::GrayImage;
 use nalgebra::{DMatrix, DVector, Isometry2, Matrix3, Point2, Rotation2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::detector::Detector;
+use super::candidate::EDGE_STRIP_PX;
+use super::detector::{Detector, Found};
+use super::hull::distance_m;
 use super::search::MISS_MAX;
 use super::segment::{Plateau, PlateauSums, RADIAL_BINS, RELATIVE_UNITS, Segmentation, TaughtLight, hub_level};
-use super::template::{Aspect, PartModel, Plane, PoseTemplate, SIDE_MAX, SLANT_PLANES, period_rad, yaw_steps};
+use super::template::{Aspect, Factors, PartModel, Plane, PoseTemplate, SIDE_MAX, SLANT_PLANES, period_rad, yaw_steps};
 use super::view::{RayTable, View};
 use super::{ImageFault, SelectorConfig, candidate, require_above};
 use crate::camera::{CameraModel, InvalidValue, MountedTray, require, single};
@@ -19,15 +21,20 @@ const BLOB_PX_MIN: usize = 9;
 /// Parts of a pose that must be shown at least.
 const SHOWN_MIN: usize = 12;
 /// What the pictures do not tell is taken to be alike at neighbouring yaws, and not to change with the slant: weights of
-/// those beliefs, in parts shown.
+/// those beliefs, in parts shown; and of the belief that the walls' shade lies on the plateau but on no part, in
+/// squares of the shade.
 const YAW_RIDGE: f64 = 0.3;
 const SLANT_RIDGE: f64 = 1.0;
+const WALL_SHADE_RIDGE: f64 = 0.05;
 /// Share of the parts shown in a pose that must be recognised, once it is learned, and that may be taken for another.
 const RECOGNISED_RATIO_MIN: f64 = 0.6;
 const MISTAKEN_RATIO_MAX: f64 = 0.04;
 /// What the rings of parts among others may miss by more than those of parts shown: relative, and beside.
 const RING_ALLOWANCE_RATIO: f32 = 1.5;
 const RING_ALLOWANCE: f32 = 1.0;
+/// What parts among others may miss by more than those shown: relative, and beside.
+const MISS_ALLOWANCE_RATIO: f32 = 1.5;
+const MISS_ALLOWANCE: f32 = 1.2;
 /// How far from where it was laid a part is recognised as the same, relative to its radius.
 const SAME_PLACE_RATIO: f64 = 0.3;
 
@@ -168,6 +175,7 @@ pub fn teach(
     }
     model.validate()?;
     measure_rings(frames, camera, tray, spec, &mut model)?;
+    measure_parts(frames, camera, tray, spec, &mut model)?;
     examine(frames, camera, tray, spec, &model)?;
     Ok(model)
 }
@@ -175,9 +183,17 @@ pub fn teach(
 /// A part seen once.
 struct Seen {
     aspect: Aspect,
-    /// Brightness in the directions of its template.
-    levels: Vec<f32>,
+    /// Texels of its template; `None` where they lie off the plateau.
+    texels: Vec<Option<Texel>>,
     sigma: f32,
+}
+
+#[derive(Clone, Copy)]
+struct Texel {
+    /// Brightness above the plateau's, relative to it.
+    level: f64,
+    /// What the walls' shade adds to the plateau's there.
+    wall_shade: f64,
 }
 
 struct Lesson<'a> {
@@ -243,8 +259,8 @@ impl Lesson<'_> {
                 let yaw_rad = folded_rad - tray_yaw_rad;
                 let height_m = self.tray.plateau_height_m() + 0.5 * spec.height_m;
                 let aspect = Aspect { yaw_rad: folded_rad, slant: view.slant(part.place, height_m) };
-                if let Some(levels) = self.sample(&view, spec, part.place, yaw_rad) {
-                    views[part.pose].push(Seen { aspect, levels, sigma: self.segmentation.sigma });
+                if let Some(texels) = self.sample(&view, spec, part.place, yaw_rad) {
+                    views[part.pose].push(Seen { aspect, texels, sigma: self.segmentation.sigma });
                 }
             }
         }
@@ -262,21 +278,29 @@ impl Lesson<'_> {
         (2 * half + 1).min(SIDE_MAX)
     }
 
-    /// Brightness above the plateau's in a part's directions; where no plateau is, 0.
-    fn sample(&self, view: &View, spec: &PoseSpec, place: Point2<f64>, yaw_rad: f64) -> Option<Vec<f32>> {
+    /// Place of a texel in a part's directions, m.
+    fn place_m(&self, spec: &PoseSpec, texel: usize) -> Vector2<f64> {
+        let side = self.side(spec);
+        let middle = (side / 2) as f64;
+        Vector2::new((texel % side) as f64 - middle, (texel / side) as f64 - middle) * self.texel_m()
+    }
+
+    /// What is seen in a part's directions.
+    fn sample(&self, view: &View, spec: &PoseSpec, place: Point2<f64>, yaw_rad: f64) -> Option<Vec<Option<Texel>>> {
         let frame = &self.segmentation;
         let height_m = self.tray.plateau_height_m() + 0.5 * spec.height_m;
         let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
         let pixel = view.pixel(place, height_m)? - corner;
-        let px_from_part = view.px_from_tray(place, height_m)? * Rotation2::new(yaw_rad).matrix() * self.texel_m();
+        let px_from_part = view.px_from_tray(place, height_m)? * Rotation2::new(yaw_rad).matrix();
         let side = self.side(spec);
-        let middle = (side / 2) as f64;
-        let texel = |index: usize| Vector2::new((index % side) as f64 - middle, (index / side) as f64 - middle);
-        let level = |index: usize| {
-            let place = (pixel + px_from_part * texel(index)).map(single);
-            frame.relative_at(place.x, place.y).map_or(0.0, |(level, _)| level / RELATIVE_UNITS)
+        let sample = |index: usize| {
+            let place = (pixel + px_from_part * self.place_m(spec, index)).map(single);
+            let (level, index) = frame.relative_at(place.x, place.y)?;
+            let texel =
+                Texel { level: f64::from(level / RELATIVE_UNITS), wall_shade: f64::from(frame.wall_shade(index)) };
+            (frame.bins[index] != 0).then_some(texel)
         };
-        Some((0..side * side).map(level).collect())
+        Some((0..side * side).map(sample).collect())
     }
 
     fn template(&self, pose: usize, views: &[Seen]) -> Result<PoseTemplate, TeachError> {
@@ -286,38 +310,56 @@ impl Lesson<'_> {
         let spec = &self.spec.poses[pose];
         let side = self.side(spec);
         let steps = yaw_steps(spec.yaw_symmetry);
-        let unknowns = steps + 1 + SLANT_PLANES;
-        let mut design = DMatrix::<f64>::zeros(views.len(), unknowns);
-        for (row, seen) in views.iter().enumerate() {
-            let factors = seen.aspect.factors(spec.yaw_symmetry, steps);
-            for (after, weight) in factors.at_yaws.into_iter().enumerate().take(steps + 1) {
-                design[(row, factors.first + after)] = weight;
-            }
-            for (plane, weight) in factors.slant.into_iter().enumerate() {
-                design[(row, steps + 1 + plane)] = weight;
-            }
-        }
-        let mut normal = design.tr_mul(&design);
+        let wall_shade = steps + 1 + SLANT_PLANES;
+        let unknowns = wall_shade + 1;
+        let mut beliefs = DMatrix::<f64>::zeros(unknowns, unknowns);
         for yaw in 0..steps {
             for (row, column, sign) in [(0, 0, 1.0), (1, 1, 1.0), (0, 1, -1.0), (1, 0, -1.0)] {
-                normal[(yaw + row, yaw + column)] += sign * YAW_RIDGE;
+                beliefs[(yaw + row, yaw + column)] += sign * YAW_RIDGE;
             }
         }
-        for plane in steps + 1..unknowns {
-            normal[(plane, plane)] += SLANT_RIDGE;
+        for plane in steps + 1..wall_shade {
+            beliefs[(plane, plane)] += SLANT_RIDGE;
         }
-        let factors = normal.cholesky().ok_or(TeachError::TooFew { pose, shown: views.len() })?;
+        beliefs[(wall_shade, wall_shade)] += WALL_SHADE_RIDGE;
+        // What never was seen is taken to be bare.
+        beliefs[(0, 0)] += 1e-3;
+        let factors: Vec<Factors> = views.iter().map(|seen| seen.aspect.factors(spec.yaw_symmetry, steps)).collect();
         let mut planes: Vec<Vec<f32>> = vec![Vec::with_capacity(side * side); unknowns];
         let mut deviations = Vec::with_capacity(side * side);
         let mean_noise = views.iter().map(|seen| seen.sigma * seen.sigma).sum::<f32>() / views.len() as f32;
         for texel in 0..side * side {
-            let levels = DVector::from_iterator(views.len(), views.iter().map(|seen| f64::from(seen.levels[texel])));
-            let solution = factors.solve(&design.tr_mul(&levels));
+            let mut normal = beliefs.clone();
+            let mut target = DVector::<f64>::zeros(unknowns);
+            let beside = distance_m(&spec.outline_m, &Point2::from(self.place_m(spec, texel))) > 0.0;
+            target[wall_shade] = WALL_SHADE_RIDGE * f64::from(u8::from(beside));
+            let rows: Vec<(Vec<(usize, f64)>, f64)> = views
+                .iter()
+                .zip(&factors)
+                .filter_map(|(seen, factors)| {
+                    let Texel { level, wall_shade: shade } = seen.texels[texel]?;
+                    let at_yaws = factors.at_yaws.into_iter().enumerate().take(steps + 1);
+                    let mut row: Vec<(usize, f64)> = at_yaws.map(|(after, w)| (factors.first + after, w)).collect();
+                    row.extend(factors.slant.into_iter().enumerate().map(|(plane, w)| (steps + 1 + plane, w)));
+                    row.push((wall_shade, shade));
+                    Some((row, level))
+                })
+                .collect();
+            for (row, level) in &rows {
+                for (i, w) in row {
+                    target[*i] += w * level;
+                    row.iter().for_each(|(j, v)| normal[(*i, *j)] += w * v);
+                }
+            }
+            let solution = normal.cholesky().ok_or(TeachError::TooFew { pose, shown: views.len() })?.solve(&target);
             for (plane, value) in planes.iter_mut().zip(solution.iter()) {
                 plane.push(single(*value));
             }
-            let square = (&levels - &design * solution).norm_squared();
-            let freedom = views.len().saturating_sub(unknowns).max(1) as f64;
+            let miss = |(row, level): &(Vec<(usize, f64)>, f64)| {
+                (level - row.iter().map(|(i, w)| w * solution[*i]).sum::<f64>()).powi(2)
+            };
+            let square: f64 = rows.iter().map(miss).sum();
+            let freedom = rows.len().saturating_sub(unknowns).max(1) as f64;
             deviations.push((single(square / freedom) - mean_noise).max(0.0).sqrt());
         }
         let mut planes = planes.into_iter().map(|values| Plane::new(side, values));
@@ -327,6 +369,8 @@ impl Lesson<'_> {
             height_m: spec.height_m,
             yaw_symmetry: spec.yaw_symmetry,
             ring_miss_max: 0.0,
+            miss_max: 1.0,
+            shade_reach_m: 0.0,
             texel_m: self.texel_m(),
             at_yaws,
             slant_x: next(),
@@ -334,6 +378,7 @@ impl Lesson<'_> {
             slant_xx: next(),
             slant_xy: next(),
             slant_yy: next(),
+            wall_shade: next(),
             deviation: Plane::new(side, deviations),
             outline_m: spec.outline_m.clone(),
         })
@@ -368,6 +413,49 @@ fn measure_rings(
         misses.sort_by(f32::total_cmp);
         let most = misses.get(misses.len() * 98 / 100).copied().unwrap_or(0.0);
         pose.ring_miss_max = (RING_ALLOWANCE_RATIO * most + RING_ALLOWANCE).min(MISS_MAX);
+    }
+    Ok(())
+}
+
+/// Learns from parts that lie alone how well they fit, and how far their shade reaches: what stands out from the plateau beside
+/// them.
+fn measure_parts(
+    frames: &[TeachFrame],
+    camera: &CameraModel,
+    tray: &MountedTray,
+    spec: &TeachSpec,
+    model: &mut PartModel,
+) -> Result<(), TeachError> {
+    let mut detector = Detector::new(camera, tray, model);
+    let cost_max = single(SelectorConfig::default().miss_max);
+    let mut misses: Vec<Vec<f32>> = vec![Vec::new(); spec.poses.len()];
+    let mut reaches_m = vec![0.0_f64; spec.poses.len()];
+    for (index, frame) in frames.iter().enumerate().filter(|(_, frame)| !frame.parts.is_empty()) {
+        let found = detector
+            .find(frame.image, &frame.platen_from_tray, spec.contrast_min_levels, cost_max)
+            .map_err(|source| TeachError::Frame { index, source })?;
+        for part in frame.parts {
+            let near_m = SAME_PLACE_RATIO * spec.poses[part.pose].radius_m();
+            let is_it = |found: &&Found| found.pose == part.pose && (found.fit.centre - part.place).norm() <= near_m;
+            let beyond_noise = |found: &Found| found.fit.cost - detector.sought[part.pose].noise_miss;
+            misses[part.pose].extend(found.iter().find(is_it).map(beyond_noise));
+        }
+        let outlines: Vec<_> =
+            frame.parts.iter().map(|part| detector.outline(part.pose, part.place, part.yaw_rad)).collect();
+        for point in detector.unexplained(&detector.view(&frame.platen_from_tray), EDGE_STRIP_PX) {
+            let distances_m = outlines.iter().map(|outline| distance_m(outline, &point)).enumerate();
+            if let Some((part, distance_m)) = distances_m.min_by(|(_, a), (_, b)| a.total_cmp(b)) {
+                let reach_m = &mut reaches_m[frame.parts[part].pose];
+                *reach_m = reach_m.max(distance_m);
+            }
+        }
+    }
+    for ((pose, misses), reach_m) in model.poses.iter_mut().zip(&mut misses).zip(reaches_m) {
+        misses.sort_by(f32::total_cmp);
+        let most = misses.get(misses.len() * 98 / 100).copied().unwrap_or(0.0).max(0.0);
+        pose.miss_max = MISS_ALLOWANCE_RATIO * most + MISS_ALLOWANCE;
+        // Two pixels more: the outline is fitted to a pixel, and more noise frays the shade.
+        pose.shade_reach_m = reach_m + 2.0 * pose.texel_m;
     }
     Ok(())
 }

@@ -1,13 +1,14 @@
 //! What a part looks like from above in one resting pose, as a function of where and how it lies.
 //!
-//! Brightness is counted relative to the bare plateau. In the part's own directions it is a picture that changes with the
+//! Brightness is counted relative to the bare plateau in full light. In the part's own directions it is a picture that changes with the
 //! part's yaw against the lamp, which stands still, plus what the slant of the line of sight adds:
 //!
-//! I(u) = Σ hₖ(ψ) Mₖ(u) + X(u) a + Y(u) b + XX(u) a² + XY(u) ab + YY(u) b²,
+//! I(u) = Σ hₖ(ψ) Mₖ(u) + X(u) a + Y(u) b + XX(u) a² + XY(u) ab + YY(u) b² + W(u) s,
 //!
 //! with ψ the part's yaw on the platen within one period of its symmetry, hₖ the weights of linear interpolation between
-//! pictures Mₖ evenly spaced over the period, and (a, b) the slant in the part's directions. The pictures and the scatter
-//! about them are learned from images.
+//! pictures Mₖ evenly spaced over the period, (a, b) the slant in the part's directions, and s what the walls' shade
+//! adds to the plateau's brightness there: a part stands out of it. The pictures and the scatter about them are learned from
+//! images.
 
 use std::f64::consts::TAU;
 
@@ -96,6 +97,9 @@ pub struct PoseTemplate {
     pub yaw_symmetry: u32,
     /// Mean square miss of the rings of brightness, in their standard deviations, up to which a place is looked at closely.
     pub ring_miss_max: f32,
+    /// Mean square miss of the picture, in standard deviations, up to which a part counts as recognised in this pose: beyond
+    /// what noise alone makes it.
+    pub miss_max: f32,
     /// Size of a texel, m.
     pub texel_m: f64,
     /// Brightness above the plateau's at yaws evenly spaced over a period of the symmetry, its two ends included; a single
@@ -111,8 +115,12 @@ pub struct PoseTemplate {
     pub slant_xy: Plane,
     /// Per square along y.
     pub slant_yy: Plane,
+    /// Share of the walls' shade on the plateau that lies on what is seen: 0 for none of it, 1 for the plateau itself.
+    pub wall_shade: Plane,
     /// Standard deviation about all that.
     pub deviation: Plane,
+    /// How far beyond its outline the part shades the plateau so that it shows, m.
+    pub shade_reach_m: f64,
     /// Convex outline in the part's directions, counter-clockwise, m: what a gripper must reach round.
     pub outline_m: Vec<Point2<f64>>,
 }
@@ -242,6 +250,10 @@ impl PoseTemplate {
         require(symmetry_ok, "part_model.poses.yaw_symmetry", self.yaw_symmetry.into(), "0 to 360")?;
         let miss_ok = (0.0..=MISS_MAX).contains(&self.ring_miss_max);
         require(miss_ok, "part_model.poses.ring_miss_max", self.ring_miss_max.into(), "0 to 9")?;
+        let miss_ok = (0.01..=16.0).contains(&self.miss_max);
+        require(miss_ok, "part_model.poses.miss_max", self.miss_max.into(), "0.01 to 16")?;
+        let shade_ok = (0.0..=0.1).contains(&self.shade_reach_m);
+        require(shade_ok, "part_model.poses.shade_reach_m", self.shade_reach_m, "0 to 0.1 m")?;
         let texel_ok = (1e-6..=0.01).contains(&self.texel_m);
         require(texel_ok, "part_model.poses.texel_m", self.texel_m, "1e-6 to 0.01 m")?;
         let side = self.side();
@@ -250,7 +262,7 @@ impl PoseTemplate {
         let yaws = self.at_yaws.len();
         let yaws_ok = if self.yaw_symmetry == 0 { yaws == 1 } else { (2..=YAW_PLANES_MAX).contains(&yaws) };
         require(yaws_ok, "part_model.poses.at_yaws", yaws as f64, "1 picture without a yaw, 2 to 64 with one")?;
-        for plane in self.slant_planes().into_iter().chain(&self.at_yaws) {
+        for plane in self.slant_planes().into_iter().chain([&self.wall_shade]).chain(&self.at_yaws) {
             require(plane.is_square(side), "part_model.poses", plane.width as f64, "pictures of one size")?;
         }
         let reach_m = self.outline_m.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max);

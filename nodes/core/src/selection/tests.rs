@@ -198,7 +198,8 @@ fn more_or_less_light_changes_nothing() {
 fn touching_parts_are_told_apart_and_not_isolated() {
     let middle = at(0.06, 4.5, 0);
     let mut parts = vec![middle];
-    for step in 0..3 {
+    // On the lamp's side of the middle one, so that none lies in the shadow of two others.
+    for step in 1..3 {
         let (sin, cos) = (f64::from(step) * std::f64::consts::FRAC_PI_3).sin_cos();
         parts.push(LaidPart { pose: 1, place: middle.place + Vector2::new(cos, sin) * (2.0 * RADIUS_M), ..middle });
     }
@@ -240,7 +241,7 @@ fn only_what_lies_wholly_on_the_plateau_is_on_it() {
 
 #[test]
 fn gaps_to_walls_are_measured() {
-    let parts = [at(0.090 - RADIUS_M, 4.2, 0), at(0.030 + RADIUS_M, 3.7, 0), at(0.06, 4.7, 0)];
+    let parts = [at(0.090 - RADIUS_M, 4.2, 0), at(0.030 + RADIUS_M, 5.2, 0), at(0.06, 4.7, 0)];
     let candidates = selector().detect(&simple_picture(&parts), &over_camera()).unwrap();
     assert_seen(&candidates, &parts);
     for candidate in candidates {

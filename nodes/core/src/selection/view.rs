@@ -114,8 +114,9 @@ impl RayTable {
         Self { width: camera.width_px() as usize, x, y }
     }
 
-    /// For each pixel of a row of the window: 0 off the plateau, otherwise 1 + the distance from the inner wall in units
-    /// of `bin_m`; and what the walls make of the light there, as `profile` tells by this bin.
+    /// For each pixel of a row of the window: 0 off the plateau and where the hub or the outer wall hides it, otherwise 1 +
+    /// the distance from the inner wall in units of `bin_m`; and what the walls make of the light there, as `profile` tells
+    /// by this bin.
     #[expect(clippy::too_many_arguments, reason = "two inputs and two outputs, row by row")]
     pub(super) fn plateau_row(
         &self,
@@ -134,6 +135,8 @@ impl RayTable {
         let depth_m = pose.height_m - view.tray.plateau_height_m();
         let yaw = view.platen_from_tray.rotation;
         let (cos, sin) = (single(yaw.re * depth_m), single(yaw.im * depth_m));
+        // A line of sight passes the top of the walls this share of the way to the plateau.
+        let wall_share = single((pose.height_m - view.tray.wall_top_m()) / depth_m);
         let (ramp_sin, ramp_cos) = geometry.ramp_angle_rad.sin_cos();
         let (ramp_sin, ramp_cos) = (single(ramp_sin), single(ramp_cos));
         let wide = geometry.ramp_angle_rad < std::f64::consts::PI;
@@ -143,12 +146,15 @@ impl RayTable {
         let rays = self.x[start..start + window.width].iter().zip(&self.y[start..start + window.width]);
         let (yaw_cos, yaw_sin) = (single(yaw.re), single(yaw.im));
         for ((bin, shade), (ray_x, ray_y)) in bins.iter_mut().zip(shades).zip(rays) {
-            let x = eye.x + cos * ray_x + sin * ray_y;
-            let y = eye.y + cos * ray_y - sin * ray_x;
+            let (along_x, along_y) = (cos * ray_x + sin * ray_y, cos * ray_y - sin * ray_x);
+            let (x, y) = (eye.x + along_x, eye.y + along_y);
             let radius = (x * x + y * y).sqrt();
+            let (top_x, top_y) = (eye.x + wall_share * along_x, eye.y + wall_share * along_y);
+            let top_radius = (top_x * top_x + top_y * top_y).sqrt();
             let beyond_ramp = ramp_cos * y - ramp_sin * x;
             let sector = if wide { (-y).max(beyond_ramp) } else { (-y).min(beyond_ramp) };
-            let inside = (sector > 0.0) & (radius > inner) & (radius < outer);
+            let between = |radius: f32| (radius > inner) & (radius < outer);
+            let inside = (sector > 0.0) & between(radius) & between(top_radius);
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
             let distance = ((radius - inner) * bins_per_m) as u8;
             *bin = if inside { distance.saturating_add(1) } else { 0 };
