@@ -48,10 +48,8 @@ pub struct Ports {
 /// The vision selector.
 pub struct VisionSelector {
     ports: Ports,
-    selector: Selector,
+    sight: Sight,
     names: Names,
-    /// Stamp (ns) and pose of the tray, oldest first.
-    poses: VecDeque<(u64, Isometry2<f64>)>,
     /// What was last wrong with an image, so that it is said once.
     fault: Option<LookError>,
     /// When an image came last, and how long none may come.
@@ -101,9 +99,8 @@ impl FeederNode for VisionSelector {
         let period_ticks = config.camera.period_ms / config.time.tick_ms;
         Ok(Self {
             ports,
-            selector,
+            sight: Sight { selector, poses: VecDeque::new() },
             names,
-            poses: VecDeque::new(),
             fault: None,
             seen_tick: 0,
             patience_ticks: SILENT_PERIODS * period_ticks + SLACK_TICKS,
@@ -128,24 +125,20 @@ impl FeederNode for VisionSelector {
     /// Tracks begin anew: what was seen was judged by the old thresholds.
     fn reconfigure(&mut self, config: &Scenario) {
         match config.taught_selector() {
-            Ok(selector) => self.selector = selector,
+            Ok(selector) => self.sight.selector = selector,
             Err(error) => tracing::error!("the selector stays as it is: {error}"),
         }
     }
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         for message in io.take(&self.ports.odometry) {
-            self.poses.push_back((ns_of_stamp(&message.header.stamp), planar_isometry(&message.pose.pose)));
-            if self.poses.len() > ODOMETRY_KEPT {
-                self.poses.pop_front();
-            }
+            self.sight.stand(ns_of_stamp(&message.header.stamp), planar_isometry(&message.pose.pose));
         }
         for message in io.take(&self.ports.image) {
-            let seen = self.look(&message);
-            let (tracked, fault) = match seen {
+            let (tracked, fault) = match self.sight.look(&message) {
                 Ok(picture) => {
                     if io.wanted(&self.ports.annotated) {
-                        let image = self.annotate(&message.header, &picture);
+                        let image = self.sight.annotate(&message.header, &picture);
                         io.publish(&self.ports.annotated, &image);
                     }
                     (picture.tracked, None)
@@ -154,7 +147,7 @@ impl FeederNode for VisionSelector {
             };
             self.seen_tick = io.tick();
             self.tell(fault);
-            let detections = self.names.detections(&message.header, &tracked, &self.selector);
+            let detections = self.names.detections(&message.header, &tracked, &self.sight.selector);
             io.publish(&self.ports.candidates, &detections);
         }
         if io.tick() > self.seen_tick + self.patience_ticks {
@@ -196,6 +189,23 @@ impl VisionSelector {
             Some(fault) => tracing::warn!("nothing is selected: {fault}"),
         }
         self.fault = fault;
+    }
+}
+
+/// What turns images into parts.
+struct Sight {
+    selector: Selector,
+    /// Stamp (ns) and pose of the tray, oldest first.
+    poses: VecDeque<(u64, Isometry2<f64>)>,
+}
+
+impl Sight {
+    /// The tray stands at `platen_from_tray` at this time.
+    fn stand(&mut self, stamp_ns: u64, platen_from_tray: Isometry2<f64>) {
+        self.poses.push_back((stamp_ns, platen_from_tray));
+        if self.poses.len() > ODOMETRY_KEPT {
+            self.poses.pop_front();
+        }
     }
 
     fn look(&mut self, message: &CompressedImage) -> Result<Picture, LookError> {
@@ -253,5 +263,71 @@ impl Names {
             bbox: BoundingBox3D { center: pose, size },
             id: part.id.to_string(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use feeder_core::camera::{PartView, Renderer, TrayShot};
+    use feeder_core::seed::generator;
+    use feeder_runtime::node::stamp_of_ns;
+
+    use super::*;
+
+    const FRAME_NS: u64 = 100_000_000;
+
+    /// A sight with the tray under the camera in the frames looked at, and the compressed picture of a part on the plateau.
+    fn sight() -> (Sight, Vec<u8>) {
+        let scenario = Scenario::default();
+        let place = scenario.delivery.feeding_place;
+        let platen_from_tray = Isometry2::new(place.xy(), place.z);
+        let mut sight = Sight { selector: scenario.taught_selector().unwrap(), poses: VecDeque::new() };
+        (1..=8).for_each(|frame| sight.stand(frame * FRAME_NS, platen_from_tray));
+        let part = scenario.part_type().unwrap();
+        let scene = scenario.scene(&part);
+        let tray = &scenario.tray.geometry;
+        let radius_m = 0.5 * (tray.inner_radius_m + tray.outer_radius_m);
+        let angle_rad = 0.5 * (tray.ramp_angle_rad + std::f64::consts::TAU);
+        let (x_m, y_m) = (radius_m * angle_rad.cos(), radius_m * angle_rad.sin());
+        let view = PartView { x_m, y_m, z_m: tray.rise_m, pose: part.wanted_poses[0], ..PartView::default() };
+        let mut image = GrayImage::default();
+        let renderer = Renderer::new(&scene).unwrap();
+        renderer.render(&TrayShot::still(platen_from_tray), &[view], &mut generator(1, "camera"), &mut image).unwrap();
+        (sight, codec::encode(&image, codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX).unwrap())
+    }
+
+    fn message(frame: u64, data: &[u8]) -> CompressedImage {
+        let mut message = CompressedImage { data: data.into(), ..CompressedImage::default() };
+        message.header.stamp = stamp_of_ns(frame * FRAME_NS);
+        message
+    }
+
+    #[test]
+    fn a_corrupt_image_is_named_and_the_next_good_one_is_seen() {
+        let (mut sight, good) = sight();
+        assert_eq!(sight.look(&message(1, &good)).unwrap().tracked.len(), 1);
+        let noise: Vec<u8> = good.iter().map(|byte| byte.wrapping_mul(31).wrapping_add(7)).collect();
+        for (frame, bad) in [(2, &[][..]), (3, &good[..100]), (4, &noise[..]), (5, b"not an image")] {
+            let fault = sight.look(&message(frame, bad)).map(|picture| picture.tracked).unwrap_err();
+            assert!(matches!(fault, LookError::Decode(_)), "{fault}");
+        }
+        // Half of it may decode: then the rest is grey, and whatever is seen is seen in what came.
+        let _ = sight.look(&message(6, &good[..good.len() / 2]));
+        assert_eq!(sight.look(&message(7, &good)).unwrap().tracked.len(), 1);
+    }
+
+    #[test]
+    fn an_image_of_another_camera_is_a_fault_with_both_sizes() {
+        let (mut sight, _) = sight();
+        let small = codec::encode(&GrayImage::new(320, 240), codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX).unwrap();
+        let fault = sight.look(&message(1, &small)).map(|picture| picture.tracked).unwrap_err();
+        assert_eq!(fault.to_string(), "the image has (320, 240) px; the camera has (640, 480) px");
+    }
+
+    #[test]
+    fn an_image_from_a_time_without_odometry_selects_nothing() {
+        let (mut sight, good) = sight();
+        let fault = sight.look(&message(9, &good)).map(|picture| picture.tracked).unwrap_err();
+        assert_eq!(fault, LookError::NoOdometry);
     }
 }

@@ -200,7 +200,7 @@ fn a_stopped_reliable_reader_fills_the_writer_and_the_body_comes_back() {
 #[test]
 fn participants_that_come_up_all_at_once_find_each_other() {
     const PARTICIPANTS: usize = 8;
-    const TOPICS: usize = 15;
+    const TOPICS: usize = 8;
     let claimed = TestDomain::claim();
     let domain = Domain { range: DiscoveryRange::Subnet, ..*claimed };
     let (sender, came) = mpsc::channel();
