@@ -136,8 +136,14 @@ impl<'a> Crowd<'a> {
 
     /// Free gap from a part to its nearest neighbour, m.
     pub(crate) fn part_gap_m(&self, index: usize) -> f64 {
-        let others = self.outlines.iter().enumerate().filter(|(other, _)| *other != index);
-        others.map(|(_, other)| gap_m(&self.outlines[index], other)).fold(f64::INFINITY, f64::min)
+        let reach_m = |part: &LaidPart| self.poses[part.pose].outline.radius_m;
+        let part = &self.parts[index];
+        let others = self.parts.iter().zip(&self.outlines).enumerate().filter(|(other, _)| *other != index);
+        others.fold(f64::INFINITY, |nearest_m, (_, (other, outline))| {
+            // The circles round them tell of most that they are no nearer.
+            let circles_m = (other.place - part.place).norm() - reach_m(other) - reach_m(part);
+            if circles_m >= nearest_m { nearest_m } else { nearest_m.min(gap_m(&self.outlines[index], outline)) }
+        })
     }
 
     /// Distance of a part's outline from the edges where ramp and drop-off begin, m.
