@@ -31,7 +31,7 @@ impl Default for SelectorConfig {
     fn default() -> Self {
         Self {
             wanted_poses: vec![0],
-            confidence_min: 0.7,
+            confidence_min: 0.9,
             part_clearance_m: 0.001,
             wall_clearance_m: -0.001,
             contrast_min_levels: 10.0,

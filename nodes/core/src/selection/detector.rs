@@ -27,9 +27,9 @@ const BESIDE_COST: f32 = 2.0;
 /// Mean square miss up to which a rough fit is worth a fine one.
 const ROUGH_COST_MAX: f32 = 4.0;
 /// A second yaw is tried where it misses by at most this much more than the best.
-const SECOND_YAW_COST: f32 = 1.5;
+const SECOND_YAW_COST: f32 = 2.0;
 /// Yaws tried at most at a seed.
-const YAWS_MAX: usize = 3;
+const YAWS_MAX: usize = 5;
 /// Share of a part's area that others may cover before it is taken for one of them.
 const OVERLAP_MAX: f64 = 0.2;
 /// Share of a part's area that another explanation of the same thing covers.
