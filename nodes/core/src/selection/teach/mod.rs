@@ -1,18 +1,18 @@
-//! Learns from pictures what a part looks like.
+//! Learns from pictures what a part looks like: `regression` makes the templates, `exam` tells how well they do.
+
+mod exam;
+mod regression;
 
 use image::GrayImage;
-use nalgebra::{DMatrix, DVector, Isometry2, Matrix3, Point2, Rotation2, Vector2};
+use nalgebra::{Isometry2, Matrix3, Point2, Rotation2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::candidate::EDGE_STRIP_PX;
-use super::detector::{Detector, Found};
-use super::hull::distance_m;
-use super::search::MISS_MAX;
 use super::segment::{Plateau, PlateauSums, RADIAL_BINS, RELATIVE_UNITS, Segmentation, TaughtLight, hub_level};
-use super::template::{Aspect, Factors, PartModel, Plane, PoseTemplate, SIDE_MAX, SLANT_PLANES, period_rad, yaw_steps};
+use super::template::{Aspect, PartModel, Plane, SIDE_MAX, period_rad};
 use super::view::{RayTable, View};
-use super::{ImageFault, SelectorConfig, candidate, require_above};
+use super::{ImageFault, require_above};
 use crate::camera::{CameraModel, InvalidValue, MountedTray, require, single};
+use exam::Exam;
 
 /// Room left round a part in its template, px.
 const MARGIN_PX: f64 = 4.0;
@@ -20,24 +20,6 @@ const MARGIN_PX: f64 = 4.0;
 const BLOB_PX_MIN: usize = 9;
 /// Parts of a pose that must be shown at least.
 const SHOWN_MIN: usize = 12;
-/// What the pictures do not tell is taken to be alike at neighbouring yaws, and not to change with the slant: weights of
-/// those beliefs, in parts shown; and of the belief that the walls' shade lies on the plateau but on no part, in
-/// squares of the shade.
-const YAW_RIDGE: f64 = 0.3;
-const SLANT_RIDGE: f64 = 1.0;
-const WALL_SHADE_RIDGE: f64 = 0.05;
-/// Share of the parts shown in a pose that must be recognised, once it is learned, and that may be taken for another.
-const RECOGNISED_RATIO_MIN: f64 = 0.6;
-const MISTAKEN_RATIO_MAX: f64 = 0.04;
-/// What the rings of parts among others may miss by more than those of parts shown: relative, and beside.
-const RING_ALLOWANCE_RATIO: f32 = 1.5;
-const RING_ALLOWANCE: f32 = 1.0;
-/// What parts among others may miss by more than those shown: relative, and beside.
-const MISS_ALLOWANCE_RATIO: f32 = 1.5;
-const MISS_ALLOWANCE: f32 = 1.2;
-/// How far from where it was laid a part is recognised as the same, relative to its radius.
-const SAME_PLACE_RATIO: f64 = 0.3;
-
 /// A part as it was laid for a picture, in the tray frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LaidPart {
@@ -174,9 +156,7 @@ pub fn teach(
         model.poses.push(lesson.template(pose, views)?);
     }
     model.validate()?;
-    measure_rings(frames, camera, tray, spec, &mut model)?;
-    measure_parts(frames, camera, tray, spec, &mut model)?;
-    examine(frames, camera, tray, spec, &model)?;
+    Exam { frames, camera, tray, spec }.complete(&mut model)?;
     Ok(model)
 }
 
@@ -302,198 +282,9 @@ impl Lesson<'_> {
         };
         Some((0..side * side).map(sample).collect())
     }
-
-    fn template(&self, pose: usize, views: &[Seen]) -> Result<PoseTemplate, TeachError> {
-        if views.len() < SHOWN_MIN {
-            return Err(TeachError::TooFew { pose, shown: views.len() });
-        }
-        let spec = &self.spec.poses[pose];
-        let side = self.side(spec);
-        let steps = yaw_steps(spec.yaw_symmetry);
-        let wall_shade = steps + 1 + SLANT_PLANES;
-        let unknowns = wall_shade + 1;
-        let mut beliefs = DMatrix::<f64>::zeros(unknowns, unknowns);
-        for yaw in 0..steps {
-            for (row, column, sign) in [(0, 0, 1.0), (1, 1, 1.0), (0, 1, -1.0), (1, 0, -1.0)] {
-                beliefs[(yaw + row, yaw + column)] += sign * YAW_RIDGE;
-            }
-        }
-        for plane in steps + 1..wall_shade {
-            beliefs[(plane, plane)] += SLANT_RIDGE;
-        }
-        beliefs[(wall_shade, wall_shade)] += WALL_SHADE_RIDGE;
-        // What never was seen is taken to be bare.
-        beliefs[(0, 0)] += 1e-3;
-        let factors: Vec<Factors> = views.iter().map(|seen| seen.aspect.factors(spec.yaw_symmetry, steps)).collect();
-        let mut planes: Vec<Vec<f32>> = vec![Vec::with_capacity(side * side); unknowns];
-        let mut deviations = Vec::with_capacity(side * side);
-        let mean_noise = views.iter().map(|seen| seen.sigma * seen.sigma).sum::<f32>() / views.len() as f32;
-        for texel in 0..side * side {
-            let mut normal = beliefs.clone();
-            let mut target = DVector::<f64>::zeros(unknowns);
-            let beside = distance_m(&spec.outline_m, &Point2::from(self.place_m(spec, texel))) > 0.0;
-            target[wall_shade] = WALL_SHADE_RIDGE * f64::from(u8::from(beside));
-            let rows: Vec<(Vec<(usize, f64)>, f64)> = views
-                .iter()
-                .zip(&factors)
-                .filter_map(|(seen, factors)| {
-                    let Texel { level, wall_shade: shade } = seen.texels[texel]?;
-                    let at_yaws = factors.at_yaws.into_iter().enumerate().take(steps + 1);
-                    let mut row: Vec<(usize, f64)> = at_yaws.map(|(after, w)| (factors.first + after, w)).collect();
-                    row.extend(factors.slant.into_iter().enumerate().map(|(plane, w)| (steps + 1 + plane, w)));
-                    row.push((wall_shade, shade));
-                    Some((row, level))
-                })
-                .collect();
-            for (row, level) in &rows {
-                for (i, w) in row {
-                    target[*i] += w * level;
-                    row.iter().for_each(|(j, v)| normal[(*i, *j)] += w * v);
-                }
-            }
-            let solution = normal.cholesky().ok_or(TeachError::TooFew { pose, shown: views.len() })?.solve(&target);
-            for (plane, value) in planes.iter_mut().zip(solution.iter()) {
-                plane.push(single(*value));
-            }
-            let miss = |(row, level): &(Vec<(usize, f64)>, f64)| {
-                (level - row.iter().map(|(i, w)| w * solution[*i]).sum::<f64>()).powi(2)
-            };
-            let square: f64 = rows.iter().map(miss).sum();
-            let freedom = rows.len().saturating_sub(unknowns).max(1) as f64;
-            deviations.push((single(square / freedom) - mean_noise).max(0.0).sqrt());
-        }
-        let mut planes = planes.into_iter().map(|values| Plane::new(side, values));
-        let at_yaws = planes.by_ref().take(steps + 1).collect();
-        let mut next = || planes.next().unwrap_or_else(|| Plane::new(side, vec![0.0; side * side]));
-        Ok(PoseTemplate {
-            height_m: spec.height_m,
-            yaw_symmetry: spec.yaw_symmetry,
-            ring_miss_max: 0.0,
-            miss_max: 1.0,
-            shade_reach_m: 0.0,
-            texel_m: self.texel_m(),
-            at_yaws,
-            slant_x: next(),
-            slant_y: next(),
-            slant_xx: next(),
-            slant_xy: next(),
-            slant_yy: next(),
-            wall_shade: next(),
-            deviation: Plane::new(side, deviations),
-            outline_m: spec.outline_m.clone(),
-        })
-    }
 }
 
 fn shade_plane(plateau: &Plateau) -> Plane {
     let row = |index: usize, base: f32| plateau.shade[1..].iter().map(move |shade| shade[index] - base);
     Plane::new(RADIAL_BINS, row(0, 1.0).chain(row(1, 0.0)).chain(row(2, 0.0)).collect())
-}
-
-/// Learns how well the rings of brightness about a part fit: from the parts shown, with some allowance for neighbours.
-fn measure_rings(
-    frames: &[TeachFrame],
-    camera: &CameraModel,
-    tray: &MountedTray,
-    spec: &TeachSpec,
-    model: &mut PartModel,
-) -> Result<(), TeachError> {
-    let mut detector = Detector::new(camera, tray, model);
-    let mut misses: Vec<Vec<f32>> = vec![Vec::new(); spec.poses.len()];
-    for (index, frame) in frames.iter().enumerate().filter(|(_, frame)| !frame.parts.is_empty()) {
-        detector
-            .find(frame.image, &frame.platen_from_tray, spec.contrast_min_levels, 0.0)
-            .map_err(|source| TeachError::Frame { index, source })?;
-        let view = detector.view(&frame.platen_from_tray);
-        for part in frame.parts {
-            misses[part.pose].extend(detector.ring_miss(&view, part.pose, part.place));
-        }
-    }
-    for (pose, misses) in model.poses.iter_mut().zip(&mut misses) {
-        misses.sort_by(f32::total_cmp);
-        let most = misses.get(misses.len() * 98 / 100).copied().unwrap_or(0.0);
-        pose.ring_miss_max = (RING_ALLOWANCE_RATIO * most + RING_ALLOWANCE).min(MISS_MAX);
-    }
-    Ok(())
-}
-
-/// Learns from parts that lie alone how well they fit, and how far their shade reaches: what stands out from the plateau beside
-/// them.
-fn measure_parts(
-    frames: &[TeachFrame],
-    camera: &CameraModel,
-    tray: &MountedTray,
-    spec: &TeachSpec,
-    model: &mut PartModel,
-) -> Result<(), TeachError> {
-    let mut detector = Detector::new(camera, tray, model);
-    let cost_max = single(SelectorConfig::default().miss_max);
-    let mut misses: Vec<Vec<f32>> = vec![Vec::new(); spec.poses.len()];
-    let mut reaches_m = vec![0.0_f64; spec.poses.len()];
-    for (index, frame) in frames.iter().enumerate().filter(|(_, frame)| !frame.parts.is_empty()) {
-        let found = detector
-            .find(frame.image, &frame.platen_from_tray, spec.contrast_min_levels, cost_max)
-            .map_err(|source| TeachError::Frame { index, source })?;
-        for part in frame.parts {
-            let near_m = SAME_PLACE_RATIO * spec.poses[part.pose].radius_m();
-            let is_it = |found: &&Found| found.pose == part.pose && (found.fit.centre - part.place).norm() <= near_m;
-            let beyond_noise = |found: &Found| found.fit.cost - detector.sought[part.pose].noise_miss;
-            misses[part.pose].extend(found.iter().find(is_it).map(beyond_noise));
-        }
-        let outlines: Vec<_> =
-            frame.parts.iter().map(|part| detector.outline(part.pose, part.place, part.yaw_rad)).collect();
-        for point in detector.unexplained(&detector.view(&frame.platen_from_tray), EDGE_STRIP_PX) {
-            let distances_m = outlines.iter().map(|outline| distance_m(outline, &point)).enumerate();
-            if let Some((part, distance_m)) = distances_m.min_by(|(_, a), (_, b)| a.total_cmp(b)) {
-                let reach_m = &mut reaches_m[frame.parts[part].pose];
-                *reach_m = reach_m.max(distance_m);
-            }
-        }
-    }
-    for ((pose, misses), reach_m) in model.poses.iter_mut().zip(&mut misses).zip(reaches_m) {
-        misses.sort_by(f32::total_cmp);
-        let most = misses.get(misses.len() * 98 / 100).copied().unwrap_or(0.0).max(0.0);
-        pose.miss_max = MISS_ALLOWANCE_RATIO * most + MISS_ALLOWANCE;
-        // Two pixels more: the outline is fitted to a pixel, and more noise frays the shade.
-        pose.shade_reach_m = reach_m + 2.0 * pose.texel_m;
-    }
-    Ok(())
-}
-
-/// Whether what was learned recognises what it was learned from.
-fn examine(
-    frames: &[TeachFrame],
-    camera: &CameraModel,
-    tray: &MountedTray,
-    spec: &TeachSpec,
-    model: &PartModel,
-) -> Result<(), TeachError> {
-    let config = SelectorConfig { contrast_min_levels: spec.contrast_min_levels, ..SelectorConfig::default() };
-    let mut detector = Detector::new(camera, tray, model);
-    let mut tally = vec![(0_usize, 0_usize, 0_usize); spec.poses.len()];
-    for (index, frame) in frames.iter().enumerate().filter(|(_, frame)| !frame.parts.is_empty()) {
-        let found = detector
-            .find(frame.image, &frame.platen_from_tray, config.contrast_min_levels, single(config.miss_max))
-            .map_err(|source| TeachError::Frame { index, source })?;
-        let candidates = candidate::judge(&detector, &detector.view(&frame.platen_from_tray), &config, &found);
-        for part in frame.parts {
-            let (shown, recognised, mistaken) = &mut tally[part.pose];
-            *shown += 1;
-            let reach_m = SAME_PLACE_RATIO * spec.poses[part.pose].radius_m();
-            let seen = candidates.iter().find(|candidate| (candidate.centre() - part.place).norm() <= reach_m);
-            match seen.and_then(|candidate| candidate.pose) {
-                Some(pose) if pose == part.pose => *recognised += 1,
-                Some(_) => *mistaken += 1,
-                None => {}
-            }
-        }
-    }
-    for (pose, (shown, recognised, mistaken)) in tally.into_iter().enumerate() {
-        let shown_f64 = shown as f64;
-        let unknown = (recognised as f64) < RECOGNISED_RATIO_MIN * shown_f64;
-        if unknown || mistaken as f64 > MISTAKEN_RATIO_MAX * shown_f64 {
-            return Err(TeachError::NotRecognised { pose, shown, recognised, mistaken });
-        }
-    }
-    Ok(())
 }
