@@ -6,7 +6,8 @@ that the selector takes, each with the function made for it: 3x3 binomial filter
 robust least squares (numpy), foreground (threshold, connectedComponentsWithStats), mean brightness of rings about every
 pixel (filter2D) and their minima (erode), the best of K turned templates round each minimum (matchTemplate), place and yaw to
 a fraction of a pixel by Gauss-Newton (remap), and the parts in the order of their match (fillConvexPoly). What does not change
-from frame to frame, the plateau's mask and the turned templates, it is given. One thread each.
+from frame to frame, the plateau's mask and the turned templates, it is given; it is spared the selector's glance at all yaws
+wherever the rings allow a part. One thread each.
 
     python3 -m venv VENV && VENV/bin/pip install -r tests/opencv/requirements.txt
     cargo build --release && VENV/bin/python tests/opencv/compare.py
