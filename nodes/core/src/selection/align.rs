@@ -14,7 +14,7 @@ const MISS_SIGMAS_MAX: f32 = 4.0;
 const GLANCE_POINTS: usize = 32;
 /// Steps of the fit at most.
 const STEPS_MAX: usize = 8;
-/// A step that leaves more of the miss than this is the last.
+/// A step of a rough fit that leaves more of the miss than this is the last.
 const STALLED_RATIO: f32 = 0.97;
 /// How far the fit may lead from where it began, px, and by what share of a turn.
 const DRIFT_PX_MAX: f64 = 3.0;
