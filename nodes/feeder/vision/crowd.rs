@@ -125,24 +125,29 @@ impl<'a> Crowd<'a> {
                     && self.tray.inside_sector_m(*point) > 0.0
             })
         });
-        let reach_m = |part: &LaidPart| self.poses[part.pose].outline.radius_m;
         on_plateau
             && self.parts.iter().zip(&self.outlines).enumerate().all(|(index, (other, other_outline))| {
-                own == Some(index)
-                    || (other.place - part.place).norm() > reach_m(other) + reach_m(part)
-                    || gap_m(outline, other_outline) > 0.0
+                own == Some(index) || self.circles_gap_m(part, other) > 0.0 || gap_m(outline, other_outline) > 0.0
             })
+    }
+
+    /// Gap between the circles round two parts, m: the parts are no nearer.
+    fn circles_gap_m(&self, a: &LaidPart, b: &LaidPart) -> f64 {
+        let reach_m = |part: &LaidPart| self.poses[part.pose].outline.radius_m;
+        (a.place - b.place).norm() - reach_m(a) - reach_m(b)
     }
 
     /// Free gap from a part to its nearest neighbour, m.
     pub(crate) fn part_gap_m(&self, index: usize) -> f64 {
-        let reach_m = |part: &LaidPart| self.poses[part.pose].outline.radius_m;
         let part = &self.parts[index];
         let others = self.parts.iter().zip(&self.outlines).enumerate().filter(|(other, _)| *other != index);
         others.fold(f64::INFINITY, |nearest_m, (_, (other, outline))| {
             // The circles round them tell of most that they are no nearer.
-            let circles_m = (other.place - part.place).norm() - reach_m(other) - reach_m(part);
-            if circles_m >= nearest_m { nearest_m } else { nearest_m.min(gap_m(&self.outlines[index], outline)) }
+            if self.circles_gap_m(part, other) >= nearest_m {
+                nearest_m
+            } else {
+                nearest_m.min(gap_m(&self.outlines[index], outline))
+            }
         })
     }
 

@@ -3,7 +3,7 @@
 //! It works from the image, the camera's calibration, the tray's pose at the image's stamp, the tray's geometry and a
 //! model of the part learned from images ([`teach`]), and from nothing else. A frame passes five steps: `segment` parts the
 //! plateau from what lies on it; `search` finds places where rings of brightness are those of a taught pose, whatever the
-//! yaw; `align` tries yaws there and fits place and yaw to a fraction of a pixel; `detector` takes the best fits for parts
+//! yaw, and of parts with a yaw where a glance at all yaws misses least; `align` tries yaws there and fits place and yaw to a fraction of a pixel; `detector` takes the best fits for parts
 //! until nothing is left to explain, so that touching parts come apart; `candidate` tells pose, confidence and room. `track`
 //! follows parts from frame to frame.
 

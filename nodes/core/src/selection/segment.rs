@@ -274,9 +274,11 @@ impl Segmentation {
         self.shade[index] - 1.0
     }
 
-    /// As [`Self::relative_at`], by straight lines between pixels.
-    pub(super) fn relative_near(&self, x: f32, y: f32) -> Option<(f32, usize)> {
-        if !(x >= 0.0 && y >= 0.0) {
+    /// Column and row of the pixel before a place of the window; `None` if that pixel or the next is nearer to the border
+    /// than `margin` pixels.
+    fn pixel_before(&self, x: f32, y: f32, margin: u8) -> Option<(usize, usize)> {
+        let least = f32::from(margin);
+        if !(x >= least && y >= least) {
             return None;
         }
         #[expect(
@@ -285,10 +287,16 @@ impl Segmentation {
             reason = "not negative, and a cast saturates"
         )]
         let (column, row) = (x as usize, y as usize);
+        let beyond = 1 + usize::from(margin);
+        let inside =
+            column.saturating_add(beyond) < self.window.width && row.saturating_add(beyond) < self.window.height;
+        inside.then_some((column, row))
+    }
+
+    /// As [`Self::relative_at`], by straight lines between pixels.
+    pub(super) fn relative_near(&self, x: f32, y: f32) -> Option<(f32, usize)> {
+        let (column, row) = self.pixel_before(x, y, 0)?;
         let width = self.window.width;
-        if column + 1 >= width || row + 1 >= self.window.height {
-            return None;
-        }
         let index = row * width + column;
         let (across, down) = (x - column as f32, y - row as f32);
         let along = |index: usize| {
@@ -302,18 +310,7 @@ impl Segmentation {
     /// Relative brightness at a place of the window, in its units, and the index of a pixel there; `None` off the window.
     /// Cubic convolution (Keys 1981, a = −½): between pixels, linear interpolation would miss an edge by several levels.
     pub(super) fn relative_at(&self, x: f32, y: f32) -> Option<(f32, usize)> {
-        if !(x >= 1.0 && y >= 1.0) {
-            return None;
-        }
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "not negative, and a cast saturates"
-        )]
-        let (column, row) = (x as usize, y as usize);
-        if column + 2 >= self.window.width || row + 2 >= self.window.height {
-            return None;
-        }
+        let (column, row) = self.pixel_before(x, y, 1)?;
         let across = cubic_weights(x - column as f32);
         let down = cubic_weights(y - row as f32);
         let first = (row - 1) * self.window.width + column - 1;

@@ -154,6 +154,12 @@ pub(super) fn yaw_steps(symmetry: u32) -> usize {
     steps
 }
 
+/// Place of a texel of a picture with this side in the part's directions, m.
+pub(super) fn texel_place_m(index: usize, side: usize, texel_m: f64) -> Vector2<f64> {
+    let middle = (side / 2) as f64;
+    Vector2::new((index % side) as f64 - middle, (index / side) as f64 - middle) * texel_m
+}
+
 /// The turn that leaves a part as it was, rad; 0 if any does.
 pub(super) fn period_rad(symmetry: u32) -> f64 {
     if symmetry == 0 { 0.0 } else { TAU / f64::from(symmetry) }
@@ -210,9 +216,7 @@ impl PoseTemplate {
 
     /// Place of a texel in the part's directions, m.
     pub(super) fn place_m(&self, index: usize) -> Vector2<f64> {
-        let middle = (self.side() / 2) as f64;
-        let place = |index: usize| (index as f64 - middle) * self.texel_m;
-        Vector2::new(place(index % self.side()), place(index / self.side()))
+        texel_place_m(index, self.side(), self.texel_m)
     }
 
     fn slant_planes(&self) -> [&Plane; SLANT_PLANES] {

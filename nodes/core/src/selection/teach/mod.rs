@@ -8,7 +8,7 @@ use nalgebra::{Isometry2, Matrix3, Point2, Rotation2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::segment::{Plateau, PlateauSums, RADIAL_BINS, RELATIVE_UNITS, Segmentation, TaughtLight, hub_level};
-use super::template::{Aspect, PartModel, Plane, SIDE_MAX, period_rad};
+use super::template::{Aspect, PartModel, Plane, SIDE_MAX, period_rad, texel_place_m};
 use super::view::{RayTable, View};
 use super::{ImageFault, require_above};
 use crate::camera::{CameraModel, InvalidValue, MountedTray, require, single};
@@ -258,13 +258,6 @@ impl Lesson<'_> {
         (2 * half + 1).min(SIDE_MAX)
     }
 
-    /// Place of a texel in a part's directions, m.
-    fn place_m(&self, spec: &PoseSpec, texel: usize) -> Vector2<f64> {
-        let side = self.side(spec);
-        let middle = (side / 2) as f64;
-        Vector2::new((texel % side) as f64 - middle, (texel / side) as f64 - middle) * self.texel_m()
-    }
-
     /// What is seen in a part's directions.
     fn sample(&self, view: &View, spec: &PoseSpec, place: Point2<f64>, yaw_rad: f64) -> Option<Vec<Option<Texel>>> {
         let frame = &self.segmentation;
@@ -274,7 +267,7 @@ impl Lesson<'_> {
         let px_from_part = view.px_from_tray(place, height_m)? * Rotation2::new(yaw_rad).matrix();
         let side = self.side(spec);
         let sample = |index: usize| {
-            let place = (pixel + px_from_part * self.place_m(spec, index)).map(single);
+            let place = (pixel + px_from_part * texel_place_m(index, side, self.texel_m())).map(single);
             let (level, index) = frame.relative_at(place.x, place.y)?;
             let texel =
                 Texel { level: f64::from(level / RELATIVE_UNITS), wall_shade: f64::from(frame.wall_shade(index)) };

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, Point2};
 
 use super::super::hull::distance_m;
-use super::super::template::{Factors, Plane, PoseTemplate, SLANT_PLANES, yaw_steps};
+use super::super::template::{Factors, Plane, PoseTemplate, SLANT_PLANES, texel_place_m, yaw_steps};
 use super::{Lesson, SHOWN_MIN, Seen, TeachError, Texel};
 use crate::camera::single;
 
@@ -44,7 +44,7 @@ impl Lesson<'_> {
         for texel in 0..side * side {
             let mut normal = beliefs.clone();
             let mut target = DVector::<f64>::zeros(unknowns);
-            let beside = distance_m(&spec.outline_m, &Point2::from(self.place_m(spec, texel))) > 0.0;
+            let beside = distance_m(&spec.outline_m, &Point2::from(texel_place_m(texel, side, self.texel_m()))) > 0.0;
             target[wall_shade] = WALL_SHADE_RIDGE * f64::from(u8::from(beside));
             let rows: Vec<(Vec<(usize, f64)>, f64)> = views
                 .iter()
