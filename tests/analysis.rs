@@ -5,7 +5,7 @@ use std::process::{Command, Output};
 use serde_json::Value;
 
 fn feeder(arguments: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_feeder")).args(arguments.split_whitespace()).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_lab-under-test")).args(arguments.split_whitespace()).output().unwrap()
 }
 
 /// The JSON that a successful run prints.

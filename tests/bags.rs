@@ -84,7 +84,7 @@ fn a_run_is_recorded_whole_in_either_layout_and_every_reader_reads_it() {
     let (said, code) = bag!("diff", &folder, &composed);
     assert_eq!(code, Some(0), "{said}");
 
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop/bag_readers.py");
+    let script = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("tests/interop/bag_readers.py");
     let read = Command::new(python()).arg(script).arg(&folder).output().unwrap();
     assert!(read.status.success(), "{}", String::from_utf8_lossy(&read.stderr));
     let readers: BTreeMap<String, BTreeMap<String, u64>> = serde_json::from_slice(&read.stdout).unwrap();
@@ -243,7 +243,7 @@ fn a_full_disk_ends_recording_with_a_clear_error_and_a_valid_bag() {
     let run = Command::new("unshare")
         .args(["--user", "--map-root-user", "--mount", "sh", "-c", script, "sh"])
         .arg(&small)
-        .arg(env!("CARGO_BIN_EXE_feeder"))
+        .arg(env!("CARGO_BIN_EXE_feeder-under-test"))
         .arg(domain.id.to_string())
         .arg(&copy)
         .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -265,7 +265,7 @@ fn a_full_disk_ends_recording_with_a_clear_error_and_a_valid_bag() {
 fn bags_of_other_writers_are_checked_and_played() {
     const COUNT: usize = 300;
     let work = tempfile::tempdir().unwrap();
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop/bag_writers.py");
+    let script = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("tests/interop/bag_writers.py");
     let written = Command::new(python()).arg(script).arg(work.path()).arg(COUNT.to_string()).output().unwrap();
     assert!(written.status.success(), "{}", String::from_utf8_lossy(&written.stderr));
     for (name, other_topic) in [("rosbags", "/joints"), ("foreign.mcap", "/number")] {
@@ -321,7 +321,7 @@ fn bags_of_other_writers_are_checked_and_played() {
 
 #[test]
 fn the_bags_beside_the_code_are_good_and_small() {
-    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("bags/golden");
+    let golden = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("bags/golden");
     for name in ["waveform", "delivery", "jam"] {
         let bag = assert_good(&golden.join(name));
         assert!(bag.message_count() > 100, "{name}");

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use feeder_core::delivery::Tether;
-use feeder_core::scenario::Scenario;
+use feeder_control::delivery::Tether;
+use feeder_scenario::Scenario;
 use serde_json::Value;
 
 use crate::common::{Outcome, Up, output};
 
 fn scenario(name: &str) -> Scenario {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch_configs").join(name);
+    let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("launch_configs").join(name);
     std::fs::read_to_string(file).unwrap().parse().unwrap()
 }
 
@@ -104,7 +104,7 @@ fn no_protected_part_slides_in_random_moves_and_20_percent_more_is_too_much() {
 /// A short run of `feeder compare-planners`.
 #[test]
 fn the_planner_delivers_more_than_a_naive_one() {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch_configs/three_stations.yaml");
+    let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("launch_configs/three_stations.yaml");
     let domain = feeder_runtime::testing::TestDomain::claim();
     let ran = crate::common::feeder()
         .args(["compare-planners", "--duration", "45", "--domain", &domain.id.to_string(), "--scenario"])

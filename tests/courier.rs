@@ -6,15 +6,15 @@ use std::sync::mpsc::Receiver;
 use std::thread::JoinHandle;
 
 use courier_driver::CourierDriver;
-use feeder_core::courier::AXES;
-use feeder_core::scenario::Scenario;
-use feeder_core::waveform;
+use feeder_control::courier::AXES;
+use feeder_model::waveform;
 use feeder_runtime::cdr;
 use feeder_runtime::dds::{Participant, Qos, Reader, Writer};
 use feeder_runtime::launch::run_real;
 use feeder_runtime::lockstep::RunError;
 use feeder_runtime::service::{Answer, ServiceClient};
 use feeder_runtime::testing::TestDomain;
+use feeder_scenario::Scenario;
 use minifactory_msgs::control_msgs::action::{
     FollowJointTrajectory, FollowJointTrajectoryGoal, FollowJointTrajectoryResult,
 };
@@ -207,8 +207,10 @@ fn bad_goals_and_waveforms_are_refused_with_the_reason_and_nothing_moves() {
     }
     let wide = waveform::Waveform::stick_slip(waveform::Axis::Yaw, 0.3, 17.0, 100.0).unwrap();
     let strong = waveform::Waveform::stick_slip(waveform::Axis::Yaw, 0.02, 100.0, 600.0).unwrap();
-    let broken = Waveform { period_s: f64::NAN, ..Waveform::from(&wide) };
-    for (sequence, message) in (1..).zip([Waveform::from(&wide), Waveform::from(&strong), broken]) {
+    let broken = Waveform { period_s: f64::NAN, ..feeder_wire::waveform::to_message(&wide) };
+    for (sequence, message) in
+        (1..).zip([feeder_wire::waveform::to_message(&wide), feeder_wire::waveform::to_message(&strong), broken])
+    {
         let message = Waveform { sequence, enabled: true, ..message };
         bench.waveform.publish(cdr::encode(&message).unwrap()).unwrap();
     }

@@ -46,7 +46,7 @@ fn settings() -> impl Iterator<Item = Setting> {
 
 fn peer(setting: &Setting, arguments: &[&str]) -> Child {
     Command::new(python())
-        .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/cyclone_peer.py"))
+        .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/interop/cyclone_peer.py"))
         .args(["--domain", &setting.domain.id.to_string()])
         .args(arguments)
         .env("CYCLONEDDS_URI", setting.cyclone_uri)
@@ -152,7 +152,7 @@ fn a_cyclone_server_answers_our_client() {
 /// The golden samples were written by rosbags; Cyclone must read them and write the same bytes again.
 #[test]
 fn cyclone_encodes_every_message_as_the_golden_samples_say() {
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/golden_cdr.py");
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/interop/golden_cdr.py");
     let checked = Command::new(python()).arg(script).output().expect("the check runs");
     let printed = [checked.stdout, checked.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat();
     assert!(checked.status.success() && printed.contains(" types, 0 wrong"), "{printed}");

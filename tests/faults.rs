@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::process::Output;
 use std::time::{Duration, Instant};
 
-use feeder_core::scenario::{BUILT_IN, Scenario};
+use feeder_scenario::{BUILT_IN, Scenario};
 use rustix::process::Signal;
 use tempfile::TempDir;
 

@@ -39,7 +39,7 @@ fn another_implementation_sees_all_of_it_come_and_go() {
     let python = python();
     let mut run = Up::new("--duration 3600 --speed 1").default_discovery_range().start();
     let mut peer = Command::new(python)
-        .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/cyclone_peer.py"))
+        .arg(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/interop/cyclone_peer.py"))
         .args(["--domain", &run.domain().id.to_string(), "--seconds", "120", "leave", "--count", THERE])
         .env_remove("CYCLONEDDS_URI")
         .stdout(Stdio::piped())

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use feeder_core::scenario::Scenario;
+use feeder_scenario::Scenario;
 use serde::Deserialize;
 
 use crate::common::{Up, python};

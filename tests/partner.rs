@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use feeder_core::scenario::{Recipe, Scenario};
+use feeder_scenario::{Recipe, Scenario};
 use minifactory_msgs::action::DeliverPartResult;
 use minifactory_msgs::action_msgs::msg::GoalStatus;
 use minifactory_msgs::msg::{DeliveryState, FeederState};

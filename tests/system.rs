@@ -5,8 +5,8 @@ use std::sync::LazyLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use feeder_core::delivery::Policy;
-use feeder_core::scenario::Scenario;
+use feeder_control::delivery::Policy;
+use feeder_scenario::Scenario;
 use rustix::process::Signal;
 
 use crate::common::{Outcome, Up};

@@ -8,19 +8,33 @@ use serde_json::Value;
 
 use crate::common::output;
 
-const ROOT: &str = env!("CARGO_MANIFEST_DIR");
-/// The root package: it alone may depend on everything.
-const TOP: &str = env!("CARGO_PKG_NAME");
-
-/// What the libraries under the nodes may use of ours; every other package but the root is a node.
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+/// What the rooms under the nodes may use of ours; every other package but the tops is a node.
 const LIBRARIES: &[(&str, &[&str])] = &[
-    ("feeder_core", &[]),
     ("minifactory_msggen", &[]),
-    ("minifactory_msgs", &["feeder_core", "minifactory_msggen"]),
+    ("minifactory_msgs", &["minifactory_msggen"]),
+    ("feeder_bags", &["minifactory_msggen", "minifactory_msgs"]),
+    ("feeder_model", &[]),
+    ("feeder_control", &["feeder_model"]),
+    ("feeder_vision", &["feeder_model"]),
+    ("feeder_sim", &["feeder_model"]),
+    ("feeder_scenario", &["feeder_model", "feeder_control", "feeder_vision", "feeder_sim"]),
+    ("feeder_wire", &["feeder_model", "minifactory_msgs"]),
     ("feeder_runtime", &["minifactory_msgs"]),
-    ("feeder_bags", &["minifactory_msggen", "minifactory_msgs", "feeder_runtime"]),
+    ("feeder_bag_transport", &["feeder_bags", "feeder_runtime", "minifactory_msgs"]),
 ];
-const NODE_USES: &[&str] = &["feeder_core", "minifactory_msgs", "feeder_runtime"];
+const NODE_USES: &[&str] = &[
+    "feeder_model",
+    "feeder_control",
+    "feeder_vision",
+    "feeder_sim",
+    "feeder_scenario",
+    "feeder_wire",
+    "feeder_runtime",
+    "minifactory_msgs",
+];
+/// The commands and what tests them: they may use everything below them.
+const TOPS: &[&str] = &["feeder", "feeder_lab", "feeder_tests"];
 
 struct Package {
     name: String,
@@ -28,7 +42,7 @@ struct Package {
     dependencies: BTreeSet<String>,
 }
 
-/// The packages of the workspace with all they depend on, tests and build scripts included.
+/// The packages of the workspace with all they need to be built; what their tests use is left out.
 fn packages() -> Vec<Package> {
     let arguments = ["metadata", "--format-version", "1", "--no-deps", "--offline"];
     let output = Command::new(env!("CARGO")).args(arguments).current_dir(ROOT).output().unwrap();
@@ -45,7 +59,13 @@ fn packages() -> Vec<Package> {
             .to_str()
             .unwrap()
             .to_owned(),
-        dependencies: package["dependencies"].as_array().unwrap().iter().map(|used| text(&used["name"])).collect(),
+        dependencies: package["dependencies"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|used| used["kind"] != "dev")
+            .map(|used| text(&used["name"]))
+            .collect(),
     };
     metadata["packages"].as_array().unwrap().iter().map(package).collect()
 }
@@ -54,14 +74,25 @@ fn packages() -> Vec<Package> {
 fn dependencies_point_one_way() {
     let packages = packages();
     let ours: BTreeSet<&str> = packages.iter().map(|package| package.name.as_str()).collect();
-    for library in ["feeder_core", "minifactory_msgs", "feeder_runtime", TOP] {
+    for library in LIBRARIES.iter().map(|(library, _)| library).chain(TOPS) {
         assert!(ours.contains(library), "{library} is gone from {ours:?}: this test must follow");
     }
-    for Package { name, dependencies, .. } in packages.iter().filter(|package| package.name != TOP) {
+    for Package { name, dependencies, .. } in &packages {
+        let used = dependencies.iter().map(String::as_str).filter(|used| ours.contains(used));
+        if TOPS.contains(&name.as_str()) {
+            let above =
+                |used: &&str| TOPS.iter().position(|top| top == used) >= TOPS.iter().position(|top| top == name);
+            assert_eq!(
+                used.filter(|used| TOPS.contains(used)).find(above),
+                None,
+                "{name} depends on a command above it"
+            );
+            continue;
+        }
         let library = LIBRARIES.iter().find(|(library, _)| library == name);
         let allowed = library.map_or(NODE_USES, |(_, allowed)| allowed);
-        for used in dependencies.iter().filter(|used| ours.contains(used.as_str())) {
-            assert!(allowed.contains(&used.as_str()), "{name} depends on {used}; it may on {allowed:?}");
+        for used in used {
+            assert!(allowed.contains(&used), "{name} depends on {used}; it may on {allowed:?}");
         }
     }
 }
@@ -79,8 +110,8 @@ fn the_runtime_alone_knows_the_middleware() {
 #[test]
 fn nodes_live_under_their_name() {
     for Package { name, folder, .. } in packages() {
-        let library = LIBRARIES.iter().any(|(library, _)| *library == name);
-        assert!(library || name == TOP || folder == format!("nodes/{name}"), "{name} lives in {folder}");
+        let is_node = LIBRARIES.iter().all(|(library, _)| *library != name) && !TOPS.contains(&name.as_str());
+        assert!(!is_node || folder == format!("nodes/{name}"), "{name} lives in {folder}");
     }
 }
 
@@ -106,8 +137,18 @@ fn files() -> Vec<String> {
 
 #[test]
 fn the_top_level_is_the_agreed_one() {
-    let agreed =
-        ["Cargo.toml", "Cargo.lock", "LICENSE", "README.md", "nodes", "msgs", "launch_configs", "bags", "tests"];
+    let agreed = [
+        "Cargo.toml",
+        "Cargo.lock",
+        "LICENSE",
+        "README.md",
+        "nodes",
+        "msgs",
+        "launch_configs",
+        "bags",
+        "tests",
+        "docs",
+    ];
     for file in files() {
         let top = file.split('/').next().unwrap();
         assert!(top.starts_with('.') || agreed.contains(&top), "{top} does not belong to the top level");

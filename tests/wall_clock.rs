@@ -7,11 +7,11 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 use courier_driver::CourierDriver;
-use feeder_core::scenario::Scenario;
 use feeder_runtime::dds::{NodeName, Participant, Qos, Reader};
 use feeder_runtime::launch::run_real;
 use feeder_runtime::node::ns_of_stamp;
 use feeder_runtime::testing::TestDomain;
+use feeder_scenario::Scenario;
 use minifactory_msgs::Message;
 use minifactory_msgs::lifecycle_msgs::msg::Transition;
 use minifactory_msgs::lifecycle_msgs::srv::{ChangeState, ChangeStateRequest};
@@ -80,7 +80,7 @@ fn a_courier_vibrates_when_a_client_asks_the_generator_to_feed() {
 #[test]
 fn a_nodes_command_runs_it_until_it_is_told_to_go() {
     let domain = TestDomain::claim();
-    let mut node = Command::new(env!("CARGO_BIN_EXE_feeder"))
+    let mut node = Command::new(env!("CARGO_BIN_EXE_feeder-under-test"))
         .args(["node", "waveform_generator", "--namespace", "/other"])
         .env("ROS_DOMAIN_ID", domain.id.to_string())
         .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

@@ -2,7 +2,6 @@
 //!
 //! - [`BagWriter`] writes so that a crash or a full disk costs at most the last second; [`Bag`] reads, also what is
 //!   damaged.
-//! - [`record`] fills a bag from a simulated run or from the ROS graph.
 //! - [`cdr`] takes messages apart by the definitions that the bag itself carries, so no types need to be installed.
 
 pub mod cdr;
@@ -14,10 +13,8 @@ mod error;
 pub mod export;
 pub mod info;
 pub mod metadata;
-pub mod play;
 pub mod qos;
 mod read;
-pub mod record;
 pub mod recover;
 mod selection;
 mod write;

@@ -13,8 +13,6 @@
 //! assert_eq!(Quaternion::default().w, 1.0);
 //! ```
 
-pub mod convert;
-
 use std::fmt::Debug;
 
 use serde::{Serialize, de::DeserializeOwned};

@@ -26,7 +26,7 @@ pub(crate) fn fast_relay() -> PathBuf {
         if !Path::new(HEADER).exists() {
             install();
         }
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop/fast/relay.cpp");
+        let source = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("tests/interop/fast/relay.cpp");
         let made = base.join(format!("fast-relay-{hash}.part"));
         let mut compile = Command::new("g++");
         compile.args(["-std=c++17", "-o"]).arg(&made).arg(source).args(["-lfastrtps", "-lfastcdr"]);

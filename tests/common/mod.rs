@@ -14,9 +14,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use feeder_core::scenario::Scenario;
 use feeder_runtime::dds::{NodeName, Participant, Qos};
 use feeder_runtime::testing::TestDomain;
+use feeder_scenario::Scenario;
 use minifactory_msgs::Message as _;
 use minifactory_msgs::rosgraph_msgs::msg::Clock;
 use rustix::process::Signal;
@@ -37,7 +37,7 @@ const DISCOVERY_RANGE: &str = "ROS_AUTOMATIC_DISCOVERY_RANGE";
 
 /// The executable, in an environment that says nothing about ROS or logging.
 pub(crate) fn feeder() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_feeder"));
+    let mut command = Command::new(env!("CARGO_BIN_EXE_feeder-under-test"));
     for variable in ["ROS_DOMAIN_ID", DISCOVERY_RANGE, "ROS_LOCALHOST_ONLY", "RUST_LOG"] {
         command.env_remove(variable);
     }
@@ -179,7 +179,7 @@ impl Run {
     #[track_caller]
     pub(crate) fn seen_by<T: DeserializeOwned>(self, script: &str, patience: Duration, arguments: &[&str]) -> T {
         let seen = Command::new(python())
-            .arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop").join(script))
+            .arg(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("tests/interop").join(script))
             .args(["--domain", &self.domain.id.to_string(), "--seconds", &patience.as_secs().to_string()])
             .args(arguments)
             .env_remove("CYCLONEDDS_URI")

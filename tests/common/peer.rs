@@ -69,7 +69,7 @@ impl Peer {
         let mut command = match kind {
             Kind::Cyclone => {
                 let mut command = Command::new(python());
-                command.arg(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop/relay.py"));
+                command.arg(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("tests/interop/relay.py"));
                 command.env_remove("CYCLONEDDS_URI");
                 command
             }

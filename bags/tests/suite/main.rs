@@ -5,5 +5,4 @@
 mod common;
 mod compare;
 mod damaged;
-mod graph;
 mod round_trip;

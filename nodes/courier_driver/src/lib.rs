@@ -7,16 +7,15 @@ mod trajectory;
 
 use std::time::Duration;
 
-use feeder_core::courier::{self, Commander, DriverEvent, DriverStatus, GoalHandle, Rejection, VibrationPhase};
-use feeder_core::motion::MotionBlock;
-use feeder_core::scenario::Scenario;
-use feeder_core::seed::seed_for;
-use feeder_core::waveform::Waveform;
+use feeder_control::courier::{Commander, DriverEvent, DriverStatus, GoalHandle, Rejection, VibrationPhase};
+use feeder_model::motion::MotionBlock;
+use feeder_model::seed::seed_for;
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{
     ActionServer, ActionServerPorts, Declare, FeederNode, GoalId, GoalRequest, Latency, Lifecycle, LifecyclePorts,
     LifecycleState, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber,
 };
+use feeder_scenario::{Scenario, SimulatedDriver};
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectory, FollowJointTrajectoryResult};
 use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
 use minifactory_msgs::msg::{self, CourierState, DeliveryState, TrayMotion};
@@ -64,7 +63,7 @@ pub struct CourierDriver {
     services: Services,
     lifecycle: Lifecycle,
     trajectory: ActionServer<FollowJointTrajectory>,
-    driver: courier::CourierDriver,
+    driver: SimulatedDriver,
     servo_ticks: usize,
     tick: Duration,
     sequence: u32,
@@ -119,7 +118,7 @@ impl FeederNode for CourierDriver {
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
         let seed = seed_for(config.seed, Self::NAME);
-        let mut driver = courier::CourierDriver::simulated(config.courier, seed).map_err(NodeError::new)?;
+        let mut driver = config.simulated_driver(seed).map_err(NodeError::new)?;
         driver.set_active(false);
         #[expect(
             clippy::cast_possible_truncation,
@@ -172,7 +171,7 @@ impl FeederNode for CourierDriver {
 impl CourierDriver {
     fn publish_motion(&mut self, io: &mut StepIo, block: &MotionBlock) {
         let started_ns = io.now_ns().saturating_sub(u64::try_from(self.tick.as_nanos()).unwrap_or(0));
-        let mut message = TrayMotion::from(block);
+        let mut message = feeder_wire::tray_motion::to_message(block);
         message.header.stamp = feeder_runtime::node::stamp_of_ns(started_ns);
         "platen".clone_into(&mut message.header.frame_id);
         message.sequence = self.sequence;
@@ -274,9 +273,10 @@ impl CourierDriver {
         if self.accepted.as_ref() == Some(&message) {
             return;
         }
-        let taken = Waveform::try_from(&message).map_err(|error| error.to_string()).and_then(|waveform| {
-            self.driver.set_waveform(&waveform, message.enabled).map_err(|error| error.to_string())
-        });
+        let taken =
+            feeder_wire::waveform::from_message(&message).map_err(|error| error.to_string()).and_then(|waveform| {
+                self.driver.set_waveform(&waveform, message.enabled).map_err(|error| error.to_string())
+            });
         let refused = taken.err();
         if let Some(reason) = refused.as_ref().filter(|_| self.refused != refused) {
             tracing::warn!("refused waveform {}: {reason}", message.sequence);

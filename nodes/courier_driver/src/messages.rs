@@ -1,10 +1,10 @@
 //! What the driver says, in standard messages.
 
-use feeder_core::courier::{AXES, DriverStatus, GoalOutcome, VibrationPhase};
+use feeder_control::courier::{AXES, DriverStatus, GoalOutcome, VibrationPhase};
 use feeder_runtime::node::GoalEnd;
+use feeder_wire::pose::{planar_pose, quaternion_of_yaw};
 use minifactory_msgs::builtin_interfaces::msg::Time;
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectoryFeedback, FollowJointTrajectoryResult};
-use minifactory_msgs::convert::{planar_pose, quaternion_of_yaw};
 use minifactory_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
 use minifactory_msgs::geometry_msgs::msg::{Transform, TransformStamped, Vector3};
 use minifactory_msgs::nav_msgs::msg::Odometry;

@@ -1,6 +1,6 @@
 //! Trajectory goals as `follow_joint_trajectory` states them.
 
-use feeder_core::courier::{AXES, Tolerances, Trajectory, TrajectoryPoint};
+use feeder_control::courier::{AXES, Tolerances, Trajectory, TrajectoryPoint};
 use feeder_runtime::node::ns_of_stamp;
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectoryGoal, FollowJointTrajectoryResult};
 use minifactory_msgs::control_msgs::msg::JointTolerance;

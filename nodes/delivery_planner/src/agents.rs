@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use feeder_core::delivery::{Delivered, DeliveryId, DeliveryRequest, Failure, HandOver, Phase};
+use feeder_control::delivery::{Delivered, DeliveryId, DeliveryRequest, Failure, HandOver, Phase};
 use feeder_runtime::node::{Asker, GoalEnd, ServerEvent, StepIo, stamp_of_ns};
+use feeder_wire::pose::planar_pose;
 use minifactory_msgs::action::{DeliverPartFeedback, DeliverPartGoal, DeliverPartResult};
-use minifactory_msgs::convert::planar_pose;
 use minifactory_msgs::geometry_msgs::msg::Pose;
 use minifactory_msgs::msg::{DeliveryState, FeederState, Waveform};
 use minifactory_msgs::srv::{
@@ -170,7 +170,8 @@ impl DeliveryPlanner {
             Ok(recipe) => match &self.recipes[recipe].waveform {
                 None => self.end_change(io, asker, recipe, Ok(())),
                 Some(waveform) => {
-                    let waveform = Waveform { name: request.recipe.clone(), ..Waveform::from(waveform) };
+                    let waveform =
+                        Waveform { name: request.recipe.clone(), ..feeder_wire::waveform::to_message(waveform) };
                     let call = io.call(&self.ports.set_waveform, &SetWaveformRequest { waveform });
                     self.changing.push_back((call, asker, recipe));
                 }

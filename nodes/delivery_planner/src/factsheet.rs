@@ -1,7 +1,7 @@
 //! What the feeder tells other agents about itself.
 
-use feeder_core::parts::PartType;
-use feeder_core::scenario::{PLATEN_NAMESPACE, Scenario};
+use feeder_model::part::PartType;
+use feeder_scenario::{PLATEN_NAMESPACE, Scenario};
 use minifactory_msgs::geometry_msgs::msg::Point;
 use minifactory_msgs::msg::{Factsheet, Recipe, StationFact};
 

@@ -9,18 +9,18 @@ mod messages;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
-use feeder_core::delivery::{CourierReport, DeliveryId, DeliverySequencer, MoveId, Output, ReserveId};
-use feeder_core::scenario::{PLATEN_NAMESPACE, Scenario};
-use feeder_core::seed::generator;
-use feeder_core::waveform::Waveform;
+use feeder_control::delivery::{CourierReport, DeliveryId, DeliverySequencer, MoveId, Output, ReserveId};
+use feeder_model::seed::generator;
+use feeder_model::waveform::Waveform;
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, Asker, CallId, Client, ClientEvent, Declare,
     FeederNode, GoalEnd, GoalId, Latency, NodeError, Publisher, Server, StepIo, Subscriber, ns_of_stamp,
 };
+use feeder_scenario::{PLATEN_NAMESPACE, Scenario};
+use feeder_wire::pose::yaw_of_quaternion;
 use minifactory_msgs::action::DeliverPart;
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectory, FollowJointTrajectoryResult};
-use minifactory_msgs::convert::yaw_of_quaternion;
 use minifactory_msgs::msg::{CourierState, DeliveryState, Factsheet, FeederState};
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::srv::{

@@ -2,14 +2,14 @@
 
 use std::time::Duration;
 
-use feeder_core::courier::{AXES, Trajectory};
-use feeder_core::delivery::{Candidate, CandidateFrame, DeliveryId, Failure, LeaseAnswer, Phase};
-use feeder_core::platen::Area;
+use feeder_control::courier::{AXES, Trajectory};
+use feeder_control::delivery::{Candidate, CandidateFrame, DeliveryId, Failure, LeaseAnswer, Phase};
+use feeder_control::platen::Area;
 use feeder_runtime::node::{ns_of_stamp, stamp_of_ns};
+use feeder_wire::pose::yaw_of_quaternion;
 use minifactory_msgs::action::DeliverPartResult;
 use minifactory_msgs::builtin_interfaces::msg::{Duration as DurationMessage, Time};
 use minifactory_msgs::control_msgs::action::FollowJointTrajectoryGoal;
-use minifactory_msgs::convert::yaw_of_quaternion;
 use minifactory_msgs::geometry_msgs::msg::Point;
 use minifactory_msgs::msg::{self, DeliveryState};
 use minifactory_msgs::srv::ReserveAreaResponse;

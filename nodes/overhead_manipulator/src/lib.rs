@@ -6,16 +6,16 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use feeder_core::manipulator::{Action, Event, Manipulator, Presented};
-use feeder_core::scenario::{Scenario, Station};
-use feeder_core::seed::generator;
+use feeder_control::manipulator::{Action, Event, Manipulator, Presented};
+use feeder_model::seed::generator;
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{
     ActionClient, ActionClientPorts, CallId, Client, ClientEvent, Declare, FeederNode, GoalId, Latency, NodeError,
     Publisher, StepIo,
 };
+use feeder_scenario::{Scenario, Station};
+use feeder_wire::pose::{planar_pose, quaternion_of_yaw, yaw_of_quaternion};
 use minifactory_msgs::action::{DeliverPart, DeliverPartGoal, DeliverPartResult};
-use minifactory_msgs::convert::{planar_pose, quaternion_of_yaw, yaw_of_quaternion};
 use minifactory_msgs::geometry_msgs::msg::{Transform, TransformStamped, Vector3};
 use minifactory_msgs::msg::DeliveryState;
 use minifactory_msgs::sensor_msgs::msg::JointState;

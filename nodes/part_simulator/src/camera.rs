@@ -1,12 +1,14 @@
 //! The camera above the feeding place.
 
-use feeder_core::camera::{CameraModel, PartView, Renderer, TrayShot, codec};
-use feeder_core::parts::{Part, PartBulk, PartType, Place};
-use feeder_core::scenario::Scenario;
-use feeder_core::seed::generator;
+use feeder_model::camera::CameraModel;
+use feeder_model::part::PartType;
+use feeder_model::seed::generator;
 use feeder_runtime::dds::Qos;
 use feeder_runtime::lockstep::MESSAGE_BYTES_MAX;
 use feeder_runtime::node::{Declare, NodeError, Publisher, StepIo, stamp_of_ns};
+use feeder_scenario::Scenario;
+use feeder_sim::camera::{PartView, Renderer, TrayShot, codec};
+use feeder_sim::parts::{Part, PartBulk, Place};
 use image::GrayImage;
 use minifactory_msgs::geometry_msgs::msg::{Quaternion, Transform, TransformStamped, Vector3};
 use minifactory_msgs::sensor_msgs::msg::{CameraInfo, CompressedImage, Image};
@@ -40,7 +42,7 @@ impl Ports {
 pub(crate) struct Camera {
     renderer: Renderer,
     model: CameraModel,
-    tray: feeder_core::tray::TrayGeometry,
+    tray: feeder_model::tray::TrayGeometry,
     period_ns: u64,
     quality: u8,
     noise: Pcg64Mcg,
@@ -136,7 +138,7 @@ impl Camera {
 }
 
 /// A part as the camera sees it; one that is falling is hidden behind the end of the plateau.
-fn view(part: &Part, tray: &feeder_core::tray::TrayGeometry) -> Option<PartView> {
+fn view(part: &Part, tray: &feeder_model::tray::TrayGeometry) -> Option<PartView> {
     let z_m = match part.place {
         Place::Ramp | Place::Plateau => tray.height_m(part.angle_rad()),
         Place::Falling => return None,

@@ -6,16 +6,15 @@ mod camera;
 
 use std::time::Duration;
 
-use feeder_core::camera::TrayShot;
-use feeder_core::motion::MotionBlock;
-use feeder_core::parts::{Part, PartBulk, Place};
-use feeder_core::scenario::Scenario;
-use feeder_core::seed::seed_for;
+use feeder_model::seed::seed_for;
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{
     Declare, FeederNode, Latency, NodeError, Publisher, Server, StepIo, Subscriber, ns_of_stamp, stamp_of_ns,
 };
-use minifactory_msgs::convert::planar_isometry;
+use feeder_scenario::Scenario;
+use feeder_sim::camera::TrayShot;
+use feeder_sim::parts::{Part, PartBulk, Place};
+use feeder_wire::pose::planar_isometry;
 use minifactory_msgs::msg::{PartState, PartStates, PickEvent, TrayMotion};
 use minifactory_msgs::srv::{LoadParts, LoadPartsResponse, Pick, PickRequest, PickResponse};
 use minifactory_msgs::std_msgs::msg::Header;
@@ -133,7 +132,7 @@ impl FeederNode for PartSimulator {
 
 impl PartSimulator {
     fn move_parts(&mut self, message: &TrayMotion) -> Result<(), NodeError> {
-        let block = MotionBlock::try_from(message).map_err(NodeError::new)?;
+        let block = feeder_wire::tray_motion::from_message(message).map_err(NodeError::new)?;
         self.bulk.step(&block).map_err(NodeError::new)?;
         if let Some(last) = block.samples.last() {
             let dt = block.sample_period_s;

@@ -6,10 +6,10 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use feeder_core::platen::{Answer, Arbiter, Area, Granted, LeaseId, Refusal, Reservation, Ticket};
-use feeder_core::scenario::{PLATEN_NAMESPACE, Scenario};
+use feeder_control::platen::{Answer, Arbiter, Area, Granted, LeaseId, Refusal, Reservation, Ticket};
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{Asker, Declare, FeederNode, NodeError, Publisher, Server, StepIo, stamp_of_ns};
+use feeder_scenario::{PLATEN_NAMESPACE, Scenario};
 use minifactory_msgs::builtin_interfaces::msg::Time;
 use minifactory_msgs::geometry_msgs::msg::Point;
 use minifactory_msgs::msg::{self, AreaLease, AreaLeases};

@@ -2,8 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use feeder_core::parts::{Departure, FeedObserver, FeedReport, PartType, Place, Sighting};
-use feeder_core::tray::TrayGeometry;
+use feeder_model::part::PartType;
+use feeder_model::tray::TrayGeometry;
+use feeder_sim::parts::{Departure, FeedObserver, FeedReport, Place, Sighting};
 use minifactory_msgs::msg::{FeedMetrics, PartState, PartStates};
 use minifactory_msgs::std_msgs::msg::Header;
 

@@ -4,10 +4,10 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
-use feeder_core::parts::PartType;
-use feeder_core::scenario::Scenario;
+use feeder_model::part::PartType;
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{Declare, Latency, Publisher, StepIo, Subscriber, ns_of_stamp};
+use feeder_scenario::Scenario;
 use minifactory_msgs::msg::{DeliveryState, FeedMetrics, PartStates, PickEvent, RunProgress};
 use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::vision_msgs::msg::Detection3DArray;

@@ -10,8 +10,8 @@ mod truth;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use feeder_core::scenario::Scenario;
 use feeder_runtime::node::{Declare, FeederNode, NodeError, StepIo};
+use feeder_scenario::Scenario;
 
 pub use feed::Feed;
 use feeder::FeederMonitor;

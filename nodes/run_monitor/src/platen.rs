@@ -1,9 +1,9 @@
 //! Whether couriers that share a platen keep apart, found from where they are, not from what they say.
 
-use feeder_core::platen::Area;
-use feeder_core::scenario::{PLATEN_NAMESPACE, Scenario};
+use feeder_control::platen::Area;
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{Declare, Latency, StepIo, Subscriber};
+use feeder_scenario::{PLATEN_NAMESPACE, Scenario};
 use minifactory_msgs::msg::AreaLeases;
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use nalgebra::Vector2;

@@ -11,16 +11,15 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use feeder_core::camera::codec;
-use feeder_core::scenario::Scenario;
-use feeder_core::selection::{ImageFault, Selector, TrackedCandidate, draw_overlay};
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{
     Declare, FeederNode, Latency, NodeError, Publisher, Settable, StepIo, Subscriber, ns_of_stamp,
 };
 use feeder_runtime::parameters::Range;
+use feeder_scenario::Scenario;
+use feeder_vision::{ImageFault, Selector, TrackedCandidate, draw_overlay};
+use feeder_wire::pose::{planar_isometry, planar_pose};
 use image::GrayImage;
-use minifactory_msgs::convert::{planar_isometry, planar_pose};
 use minifactory_msgs::geometry_msgs::msg::Vector3;
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::{CompressedImage, Image};
@@ -211,7 +210,7 @@ impl Sight {
     fn look(&mut self, message: &CompressedImage) -> Result<Picture, LookError> {
         let stamp_ns = ns_of_stamp(&message.header.stamp);
         let (_, platen_from_tray) = *self.poses.iter().find(|(ns, _)| *ns == stamp_ns).ok_or(LookError::NoOdometry)?;
-        let image = codec::decode(&message.data).map_err(|error| LookError::Decode(error.to_string()))?;
+        let image = feeder_vision::decode(&message.data).map_err(|error| LookError::Decode(error.to_string()))?;
         let stamp_s = std::time::Duration::from_nanos(stamp_ns).as_secs_f64();
         let tracked = self.selector.process(stamp_s, &image, &platen_from_tray)?;
         Ok(Picture { image, platen_from_tray, tracked })
@@ -268,9 +267,10 @@ impl Names {
 
 #[cfg(test)]
 mod tests {
-    use feeder_core::camera::{PartView, Renderer, TrayShot};
-    use feeder_core::seed::generator;
+    use feeder_model::seed::generator;
     use feeder_runtime::node::stamp_of_ns;
+    use feeder_sim::camera::codec;
+    use feeder_sim::camera::{PartView, Renderer, TrayShot};
 
     use super::*;
 

@@ -5,11 +5,11 @@
 
 use std::time::Duration;
 
-use feeder_core::courier;
-use feeder_core::scenario::Scenario;
-use feeder_core::waveform::Waveform;
+use feeder_control::courier::CourierConfig;
+use feeder_model::waveform::Waveform;
 use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{Declare, FeederNode, Latency, NodeError, Publisher, Server, StepIo, Subscriber};
+use feeder_scenario::Scenario;
 use minifactory_msgs::msg;
 use minifactory_msgs::srv::{SetWaveform, SetWaveformResponse};
 use minifactory_msgs::std_srvs::srv::{SetBool, SetBoolResponse};
@@ -30,8 +30,8 @@ pub struct Ports {
 #[derive(Debug)]
 pub struct WaveformGenerator {
     ports: Ports,
-    /// A driver like the one that will run the waveform: what it refuses is not published.
-    judge: courier::CourierDriver,
+    /// What the driver is set up with: a waveform that it refuses is not published.
+    courier: CourierConfig,
     name: String,
     waveform: Waveform,
     enabled: bool,
@@ -69,12 +69,11 @@ impl FeederNode for WaveformGenerator {
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
         let waveform = config.waveform().map_err(NodeError::new)?;
-        let mut judge = courier::CourierDriver::simulated(config.courier, 0).map_err(NodeError::new)?;
-        judge.set_waveform(&waveform, false).map_err(NodeError::new)?;
+        config.courier.check_waveform(&waveform).map_err(NodeError::new)?;
         let name = config.waveform.name().to_owned();
         Ok(Self {
             ports,
-            judge,
+            courier: config.courier,
             name,
             waveform,
             enabled: false,
@@ -120,7 +119,7 @@ impl FeederNode for WaveformGenerator {
                 sequence: self.sequence,
                 name: self.name.clone(),
                 enabled: self.enabled,
-                ..msg::Waveform::from(&self.waveform)
+                ..feeder_wire::waveform::to_message(&self.waveform)
             };
             io.publish(&self.ports.waveform, &message);
         }
@@ -131,8 +130,8 @@ impl FeederNode for WaveformGenerator {
 impl WaveformGenerator {
     /// Takes over a waveform; what was there stays when it is refused.
     fn replace(&mut self, message: &msg::Waveform) -> Result<(), NodeError> {
-        let waveform = Waveform::try_from(message).map_err(NodeError::new)?;
-        self.judge.set_waveform(&waveform, false).map_err(NodeError::new)?;
+        let waveform = feeder_wire::waveform::from_message(message).map_err(NodeError::new)?;
+        self.courier.check_waveform(&waveform).map_err(NodeError::new)?;
         self.waveform = waveform;
         self.name.clone_from(&message.name);
         self.enabled = message.enabled;

@@ -1,0 +1,38 @@
+//! The courier driver without its hardware: what may be commanded, how it is followed, and the servo loop.
+//!
+//! A [`CourierDriver`] superposes two motions. The *nominal* motion is where the courier is sent, by trajectories
+//! ([`Trajectory`]). The *vibration* repeats a
+//! [`Waveform`](feeder_model::waveform::Waveform) about it. Their sum is the set point of a
+//! servo loop ([`control`]) that drives a [`PlanarMotor`](feeder_model::motor::PlanarMotor): the hardware, or a simulation of it.
+//!
+//! Everything is checked before it is begun: a command is refused with a [`Rejection`] and changes nothing, or it is
+//! accepted and can be carried out inside the [`CourierLimits`] at every servo tick.
+//!
+//! Vectors are (x, y, yaw) in the platen frame: m and rad, m/s and rad/s, m/s² and rad/s².
+
+mod config;
+pub mod control;
+mod driver;
+mod fourier;
+mod learning;
+mod limits;
+mod path;
+mod rejection;
+mod report;
+mod response;
+mod safety;
+mod tolerance;
+mod trajectory;
+mod vibration;
+mod vibrator;
+
+pub use config::CourierConfig;
+pub use driver::CourierDriver;
+pub use learning::LearningParameters;
+pub use limits::{AXES, CourierLimits, LimitViolation};
+pub use rejection::Rejection;
+pub use report::{Commander, DriverEvent, DriverStatus, Fault, GoalHandle, GoalOutcome, StepOutput};
+pub use safety::SafetyParameters;
+pub use tolerance::Tolerances;
+pub use trajectory::{Trajectory, TrajectoryPoint};
+pub use vibrator::VibrationPhase;

@@ -1,0 +1,231 @@
+//! What is watched while the courier moves, and what makes the driver stop it.
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use super::report::{Commander, Fault};
+use crate::courier::limits::{AXES, CourierLimits};
+use feeder_model::range::OutOfRange;
+use feeder_model::range::check_range;
+
+/// When the driver takes the courier to be out of control.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SafetyParameters {
+    /// Distance from the set point beyond which the driver faults, m.
+    pub tracking_error_m_max: f64,
+    /// Yaw from the set point beyond which the driver faults, rad.
+    pub tracking_error_rad_max: f64,
+    /// How far beyond the bounds of platen and tether the courier may be, m.
+    pub position_margin_m: f64,
+    /// How far beyond the bound of yaw it may be, rad.
+    pub yaw_margin_rad: f64,
+    /// How much faster than the bound it may be, relative.
+    pub speed_margin: f64,
+    /// How long force or torque may be cut to their peaks without a break, s.
+    pub saturation_s_max: f64,
+    /// How long the courier may stand still while its set point moves by at least ten times the distances below, s.
+    pub stuck_s_max: f64,
+    /// Movement of the sensor's reading that is mere noise, m.
+    pub still_m: f64,
+    /// The same of yaw, rad.
+    pub still_rad: f64,
+    /// How long the sensor may give no number, s. Meanwhile the courier runs on feed-forward.
+    pub sensor_silence_s_max: f64,
+    /// How long a commander that has been heard may be silent while the courier moves at its wish, s; 0 for ever.
+    pub command_silence_s_max: f64,
+}
+
+impl Default for SafetyParameters {
+    fn default() -> Self {
+        Self {
+            tracking_error_m_max: 2e-3,
+            tracking_error_rad_max: 10e-3,
+            position_margin_m: 1e-3,
+            yaw_margin_rad: 2e-3,
+            speed_margin: 0.1,
+            saturation_s_max: 0.05,
+            stuck_s_max: 0.1,
+            still_m: 5e-6,
+            still_rad: 50e-6,
+            sensor_silence_s_max: 2e-3,
+            command_silence_s_max: 2.0,
+        }
+    }
+}
+
+impl SafetyParameters {
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// The first parameter that is not finite or out of range.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
+        check_range("safety.tracking_error_m_max", self.tracking_error_m_max, 1e-5, 0.1)?;
+        check_range("safety.tracking_error_rad_max", self.tracking_error_rad_max, 1e-5, 0.1)?;
+        check_range("safety.position_margin_m", self.position_margin_m, 1e-6, 0.1)?;
+        check_range("safety.yaw_margin_rad", self.yaw_margin_rad, 1e-6, 0.1)?;
+        check_range("safety.speed_margin", self.speed_margin, 0.0, 1.0)?;
+        check_range("safety.saturation_s_max", self.saturation_s_max, 0.0, 10.0)?;
+        check_range("safety.stuck_s_max", self.stuck_s_max, 0.01, 10.0)?;
+        check_range("safety.still_m", self.still_m, 0.0, 1e-3)?;
+        check_range("safety.still_rad", self.still_rad, 0.0, 1e-2)?;
+        check_range("safety.sensor_silence_s_max", self.sensor_silence_s_max, 0.0, 0.1)?;
+        check_range("safety.command_silence_s_max", self.command_silence_s_max, 0.0, 3600.0)
+    }
+}
+
+/// What one servo tick shows.
+pub(super) struct Seen {
+    /// Measured position; nothing if the sensor gave none.
+    pub(super) measured: Option<Vector3<f64>>,
+    pub(super) set_point: Vector3<f64>,
+    pub(super) velocity: Vector3<f64>,
+}
+
+/// How far something moved within a stretch of time.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    min: Vector3<f64>,
+    max: Vector3<f64>,
+}
+
+impl Span {
+    fn new(first: &Vector3<f64>) -> Self {
+        Self { min: *first, max: *first }
+    }
+
+    fn add(&mut self, value: &Vector3<f64>) {
+        (self.min, self.max) = (self.min.inf(value), self.max.sup(value));
+    }
+
+    fn size(&self) -> Vector3<f64> {
+        self.max - self.min
+    }
+}
+
+/// Where set point and courier went in the present stretch, and for how many ticks it has lasted.
+#[derive(Clone, Copy, Debug)]
+struct Stretch {
+    set_point: Span,
+    measured: Span,
+    ticks: u32,
+}
+
+/// Watches over the courier, tick by tick.
+#[derive(Clone, Debug)]
+pub(super) struct Supervisor {
+    parameters: SafetyParameters,
+    limits: CourierLimits,
+    period_s: f64,
+    blind_ticks: u32,
+    saturated_ticks: u32,
+    stretch: Option<Stretch>,
+    /// Ticks since each commander was last heard; nothing of one that never was.
+    silent_ticks: [Option<u64>; 2],
+}
+
+impl Supervisor {
+    pub(super) fn new(parameters: SafetyParameters, limits: CourierLimits, period_s: f64) -> Self {
+        Self {
+            parameters,
+            limits,
+            period_s,
+            blind_ticks: 0,
+            saturated_ticks: 0,
+            stretch: None,
+            silent_ticks: [None; 2],
+        }
+    }
+
+    pub(super) fn hear(&mut self, commander: Commander) {
+        self.silent_ticks[commander as usize] = Some(0);
+    }
+
+    pub(super) fn note_given(&mut self, in_full: bool) {
+        self.saturated_ticks = if in_full { 0 } else { self.saturated_ticks + 1 };
+    }
+
+    /// Forgets what led to a fault that has been reset.
+    pub(super) fn reset(&mut self) {
+        (self.blind_ticks, self.saturated_ticks, self.stretch) = (0, 0, None);
+        self.silent_ticks = [None; 2];
+    }
+
+    /// The fault that a tick shows, if it shows one.
+    pub(super) fn watch(&mut self, seen: &Seen) -> Option<Fault> {
+        let SafetyParameters { saturation_s_max, sensor_silence_s_max, .. } = self.parameters;
+        let Some(measured) = &seen.measured else {
+            self.blind_ticks += 1;
+            let too_long = f64::from(self.blind_ticks) * self.period_s > sensor_silence_s_max;
+            return too_long.then_some(Fault::SensorLost);
+        };
+        self.blind_ticks = 0;
+        let saturated_s = f64::from(self.saturated_ticks) * self.period_s;
+        self.tracking_fault(&(seen.set_point - measured))
+            .or_else(|| self.envelope_fault(measured, &seen.velocity))
+            .or_else(|| self.stuck_fault(&seen.set_point, measured))
+            .or_else(|| (saturated_s > saturation_s_max).then_some(Fault::Saturated { for_s: saturated_s }))
+    }
+
+    /// The commander of a courier that does what it is asked who has been silent for too long.
+    pub(super) fn silence(&mut self, asked_by: impl IntoIterator<Item = Commander>) -> Option<Fault> {
+        for silent_ticks in self.silent_ticks.iter_mut().flatten() {
+            *silent_ticks += 1;
+        }
+        let limit_s = self.parameters.command_silence_s_max;
+        asked_by.into_iter().find_map(|of| {
+            let for_s = self.silent_ticks[of as usize]? as f64 * self.period_s;
+            (limit_s > 0.0 && for_s > limit_s).then_some(Fault::Silence { of, for_s })
+        })
+    }
+
+    fn tracking_fault(&self, error: &Vector3<f64>) -> Option<Fault> {
+        let (m, rad) = (self.parameters.tracking_error_m_max, self.parameters.tracking_error_rad_max);
+        [m, m, rad].into_iter().enumerate().find_map(|(axis, allowed)| {
+            let error = error[axis];
+            (error.abs() > allowed).then_some(Fault::TrackingError { axis, error, allowed })
+        })
+    }
+
+    /// A courier that does not move at all while its set point does is stuck, however little it is off.
+    fn stuck_fault(&mut self, set_point: &Vector3<f64>, measured: &Vector3<f64>) -> Option<Fault> {
+        let SafetyParameters { stuck_s_max, still_m, still_rad, .. } = self.parameters;
+        let stretch = self.stretch.get_or_insert_with(|| Stretch {
+            set_point: Span::new(set_point),
+            measured: Span::new(measured),
+            ticks: 0,
+        });
+        stretch.set_point.add(set_point);
+        stretch.measured.add(measured);
+        stretch.ticks += 1;
+        if f64::from(stretch.ticks) * self.period_s < stuck_s_max {
+            return None;
+        }
+        let (asked, moved) = (stretch.set_point.size(), stretch.measured.size());
+        self.stretch = None;
+        let still = [still_m, still_m, still_rad];
+        let stuck = (0..3).find(|&axis| moved[axis] < still[axis] && asked[axis] > 10.0 * still[axis]);
+        stuck.map(|axis| Fault::Stuck { axis, asked: asked[axis] })
+    }
+
+    fn envelope_fault(&self, measured: &Vector3<f64>, velocity: &Vector3<f64>) -> Option<Fault> {
+        let SafetyParameters { position_margin_m: m, yaw_margin_rad: rad, speed_margin, .. } = self.parameters;
+        let (min, max) = (self.limits.position_min(), self.limits.position_max());
+        let bounds = [m, m, rad].into_iter().enumerate().flat_map(|(axis, margin)| {
+            let (low, high) = (min[axis] - margin, max[axis] + margin);
+            [
+                (AXES[axis], measured[axis], low, measured[axis] < low),
+                (AXES[axis], measured[axis], high, measured[axis] > high),
+            ]
+        });
+        let (tether_m, tether_m_max) = (self.limits.tether_m(measured), self.limits.tether_length_m + m);
+        let (speed_m_s, speed_m_s_max) = (velocity.xy().norm(), self.limits.speed_m_s_max * (1.0 + speed_margin));
+        bounds
+            .chain([
+                ("distance from the tether's anchor (m)", tether_m, tether_m_max, tether_m > tether_m_max),
+                ("speed (m/s)", speed_m_s, speed_m_s_max, speed_m_s > speed_m_s_max),
+            ])
+            .find(|&(.., outside)| outside)
+            .map(|(quantity, value, allowed, _)| Fault::LeftEnvelope { quantity, value, allowed })
+    }
+}

@@ -1,0 +1,233 @@
+//! What a delivery planner is set up with.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use nalgebra::{Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::plan::GentleParameters;
+use super::surroundings::{Surroundings, Tether};
+use crate::platen::Area;
+use feeder_model::range::OutOfRange;
+use feeder_model::range::check_range;
+
+/// Which parts a move must not disturb.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Policy {
+    /// The part to be delivered, and with it whatever lies on the plateau.
+    #[default]
+    Selected,
+    /// Every part seen on the plateau, and parts anywhere on the ramp from a given radius outwards.
+    All,
+}
+
+/// How a planner decides and moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Strategy {
+    /// Predicts, serves several stations on a trip where that pays, waits no longer than needed, moves at the limit.
+    #[default]
+    Optimal,
+    /// What one would write first, to compare with: one part a trip in the order of the requests, fixed waits, a
+    /// trapezoid of speed at half of what friction holds.
+    Naive,
+}
+
+/// The fixed values of [`Strategy::Naive`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct NaiveParameters {
+    /// Feeding before each look, s.
+    pub feed_s: f64,
+    /// Wait for the vibration to end, s.
+    pub stop_s: f64,
+    /// Wait for parts to come to rest, s.
+    pub settle_s: f64,
+    /// Share of the acceleration that friction holds which is used.
+    pub friction_share: f64,
+    /// Jerk, m/s³: so large that the speed is a trapezoid.
+    pub jerk_m_s3_max: f64,
+}
+
+impl Default for NaiveParameters {
+    fn default() -> Self {
+        Self { feed_s: 2.0, stop_s: 0.5, settle_s: 0.5, friction_share: 0.5, jerk_m_s3_max: 1e4 }
+    }
+}
+
+/// A delivery planner's parameters.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DeliveryConfig {
+    /// Where the courier feeds and the camera sees the plateau: x, y (m) and yaw (rad) on the platen.
+    pub feeding_place: Vector3<f64>,
+    /// Where each station's tool axis meets the platen's plane, by the station's name, m.
+    pub stations_m: BTreeMap<String, Vector2<f64>>,
+    /// Stations that the feeder's camera sees: parts are looked at again there.
+    #[serde(skip)]
+    pub rechecked_stations: BTreeSet<String>,
+    /// Areas that no part of the courier may enter; the scenario's.
+    #[serde(skip)]
+    pub keep_out: Vec<Area>,
+    /// Areas of the platen must be reserved for every trip; the scenario says so.
+    #[serde(skip)]
+    pub arbitrated: bool,
+    /// Radius of a disc about the courier's centre that covers courier and tray, m.
+    pub footprint_radius_m: f64,
+    /// How far the courier may cut the corners of its route, m.
+    pub corner_m: f64,
+    /// The courier's cable, if that is short enough to matter.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tether: Option<Tether>,
+    /// How the planner decides and moves.
+    pub strategy: Strategy,
+    /// Fixed values of the naive strategy.
+    pub naive: NaiveParameters,
+    /// Most stations served on one trip.
+    pub stops_max: u32,
+    /// How gently parts are carried.
+    pub gentle: GentleParameters,
+    /// Which parts a move must not disturb.
+    pub policy: Policy,
+    /// Radius in the tray from which on parts on the ramp are protected by [`Policy::All`], m.
+    pub protected_ramp_radius_m: f64,
+    /// Least confidence of a candidate.
+    pub confidence_min: f64,
+    /// Least distance from a candidate to its neighbours that leaves room for the gripper, m.
+    pub clearance_m_min: f64,
+    /// Smallest tolerance of position a request may ask for, m: what vision and courier can promise.
+    pub tolerance_m_min: f64,
+    /// Time for parts to come to rest after the courier has, s.
+    pub settle_s: f64,
+    /// Images of the parts at rest that are looked at before feeding goes on.
+    pub looks: u32,
+    /// Shortest feeding between two looks, s.
+    pub feed_s_min: f64,
+    /// Feeding without a fitting part after which a warning is given, s.
+    pub starvation_s: f64,
+    /// Longest wait for the courier to come to rest after feeding was switched off, s.
+    pub stop_timeout_s: f64,
+    /// Longest wait for an image, s.
+    pub look_timeout_s: f64,
+    /// Longest time a move may take beyond its duration, s.
+    pub move_grace_s: f64,
+    /// Time between the order to stop and rest during which parts move on as while feeding, s: what the first prediction
+    /// takes; later ones take what was seen.
+    pub stop_drift_s: f64,
+    /// Longest wait for an area of the platen, s.
+    pub area_wait_s: f64,
+    /// Longest wait for each of the manipulator's reports, s.
+    pub hand_over_timeout_s: f64,
+    /// Wait before a failed return is tried again, s.
+    pub retry_s: f64,
+    /// Failed returns after which the planner gives up and waits for a reset.
+    pub retries_max: u32,
+}
+
+impl Default for DeliveryConfig {
+    fn default() -> Self {
+        Self {
+            feeding_place: Vector3::zeros(),
+            stations_m: BTreeMap::new(),
+            rechecked_stations: BTreeSet::new(),
+            keep_out: Vec::new(),
+            arbitrated: false,
+            footprint_radius_m: Surroundings::default().footprint_radius_m,
+            corner_m: Surroundings::default().corner_m,
+            tether: None,
+            strategy: Strategy::default(),
+            naive: NaiveParameters::default(),
+            stops_max: 4,
+            gentle: GentleParameters::default(),
+            policy: Policy::default(),
+            protected_ramp_radius_m: 0.06,
+            confidence_min: 0.5,
+            clearance_m_min: 1e-3,
+            tolerance_m_min: 0.2e-3,
+            settle_s: 0.05,
+            looks: 2,
+            feed_s_min: 0.5,
+            starvation_s: 30.0,
+            stop_timeout_s: 3.0,
+            look_timeout_s: 2.0,
+            move_grace_s: 2.0,
+            stop_drift_s: 0.3,
+            area_wait_s: 60.0,
+            hand_over_timeout_s: 10.0,
+            retry_s: 1.0,
+            retries_max: 3,
+        }
+    }
+}
+
+impl DeliveryConfig {
+    /// Checks every value.
+    ///
+    /// # Errors
+    /// The first parameter that is not finite or out of range.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
+        self.gentle.validate()?;
+        for coordinate in &self.feeding_place {
+            check_range("feeding_place", *coordinate, -10.0, 10.0)?;
+        }
+        for coordinate_m in self.stations_m.values().flatten() {
+            check_range("stations_m", *coordinate_m, -10.0, 10.0)?;
+        }
+        check_range("protected_ramp_radius_m", self.protected_ramp_radius_m, 1e-3, 1.0)?;
+        check_range("confidence_min", self.confidence_min, 0.0, 1.0)?;
+        check_range("clearance_m_min", self.clearance_m_min, 0.0, 0.1)?;
+        check_range("tolerance_m_min", self.tolerance_m_min, 1e-6, 0.1)?;
+        check_range("settle_s", self.settle_s, 0.0, 10.0)?;
+        check_range("looks", f64::from(self.looks), 1.0, 100.0)?;
+        check_range("feed_s_min", self.feed_s_min, 0.0, 60.0)?;
+        check_range("starvation_s", self.starvation_s, 0.1, 3600.0)?;
+        check_range("stop_timeout_s", self.stop_timeout_s, 0.1, 60.0)?;
+        check_range("look_timeout_s", self.look_timeout_s, 0.1, 60.0)?;
+        check_range("move_grace_s", self.move_grace_s, 0.1, 60.0)?;
+        self.surroundings().validate()?;
+        check_range("naive.feed_s", self.naive.feed_s, 0.0, 60.0)?;
+        check_range("naive.stop_s", self.naive.stop_s, 0.0, 60.0)?;
+        check_range("naive.settle_s", self.naive.settle_s, 0.0, 60.0)?;
+        check_range("naive.friction_share", self.naive.friction_share, 0.05, 2.0)?;
+        check_range("naive.jerk_m_s3_max", self.naive.jerk_m_s3_max, 1.0, 1e4)?;
+        check_range("stops_max", f64::from(self.stops_max), 1.0, 4.0)?;
+        check_range("stop_drift_s", self.stop_drift_s, 0.0, 5.0)?;
+        check_range("area_wait_s", self.area_wait_s, 0.0, 3600.0)?;
+        check_range("hand_over_timeout_s", self.hand_over_timeout_s, 0.1, 3600.0)?;
+        check_range("retry_s", self.retry_s, 0.01, 60.0)?;
+        check_range("retries_max", f64::from(self.retries_max), 0.0, 100.0)
+    }
+
+    /// What is around the courier.
+    #[must_use]
+    pub fn surroundings(&self) -> Surroundings {
+        Surroundings {
+            footprint_radius_m: self.footprint_radius_m,
+            corner_m: self.corner_m,
+            keep_out: self.keep_out.clone(),
+            tether: self.tether,
+        }
+    }
+
+    /// How gently parts are carried by the strategy chosen.
+    #[must_use]
+    pub fn gentle(&self) -> GentleParameters {
+        match self.strategy {
+            Strategy::Optimal => self.gentle,
+            Strategy::Naive => GentleParameters {
+                friction_share: self.naive.friction_share,
+                jerk_m_s3_max: self.naive.jerk_m_s3_max,
+                ..self.gentle
+            },
+        }
+    }
+
+    pub(super) fn settle(&self) -> Duration {
+        Duration::from_secs_f64(match self.strategy {
+            Strategy::Optimal => self.settle_s,
+            Strategy::Naive => self.naive.settle_s,
+        })
+    }
+}

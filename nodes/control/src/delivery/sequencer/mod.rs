@@ -1,0 +1,378 @@
+//! The planner's sequence: look, feed until something fits, stop, settle, look again, reserve, move, present, return.
+
+mod carrying;
+mod feeding;
+mod inputs;
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use nalgebra::{Vector2, Vector3};
+
+use super::choice::{CandidateFrame, Choice, fitting};
+use super::config::{DeliveryConfig, Strategy};
+use super::drift::Drift;
+use super::leases::Leases;
+use super::plan::MovePlanner;
+use super::protocol::{
+    CourierReport, Delivered, DeliveryId, DeliveryRequest, Failure, HandOver, MoveId, Output, Phase, Stamp, Warning,
+};
+use super::tour::{Open, Overheads, Stop};
+use crate::courier::CourierLimits;
+use crate::platen::Area;
+use feeder_model::motor::Load;
+use feeder_model::range::OutOfRange;
+use feeder_model::tray::TrayGeometry;
+
+/// An accepted request.
+#[derive(Clone, Debug)]
+struct Delivery {
+    id: DeliveryId,
+    request: DeliveryRequest,
+    station_m: Vector2<f64>,
+    deadline: Option<Stamp>,
+}
+
+/// A stop of the trip under way.
+#[derive(Clone, Debug)]
+struct Planned {
+    stop: Stop,
+    /// The way there from the stop before, m.
+    route_m: Vec<Vector2<f64>>,
+}
+
+#[derive(Clone, Debug)]
+enum State {
+    Idle,
+    Feeding { since: Stamp, starved: bool },
+    Purging { since: Stamp, deadline: Stamp, empty: u32, seen: Option<Stamp> },
+    Stopping { since: Stamp },
+    Settling,
+    Looking { since: Stamp, rest_since: Stamp, seen: Option<Stamp>, looks: u32 },
+    Reserving { stops: VecDeque<Planned> },
+    Moving { stops: VecDeque<Planned>, id: MoveId, deadline: Stamp, ended: bool },
+    Checking { stops: VecDeque<Planned>, since: Stamp },
+    Presented { stops: VecDeque<Planned>, delivered: Delivered, since: Stamp, deadline: Stamp, taken: Option<bool> },
+    ToReturn { not_before: Stamp, failures: u32 },
+    Returning { id: MoveId, deadline: Stamp, ended: bool, failures: u32 },
+    Fault { reason: String },
+}
+
+impl State {
+    /// The delivery that the courier is out for, or about to leave for.
+    fn stop(&self) -> Option<&Stop> {
+        match self {
+            Self::Reserving { stops }
+            | Self::Moving { stops, .. }
+            | Self::Checking { stops, .. }
+            | Self::Presented { stops, .. } => stops.front().map(|planned| &planned.stop),
+            _ => None,
+        }
+    }
+}
+
+/// Takes delivery requests and what the other nodes report, and says what is to be done. The oldest request that some
+/// part fits is served on the next trip, others along with it where that delivers more parts a minute.
+///
+/// Reports are noted as they come; [`step`](Self::step) acts on them. Nothing here asks the time: every decision follows
+/// from stamps and the time passed to `step`.
+#[derive(Clone, Debug)]
+pub struct DeliverySequencer {
+    config: DeliveryConfig,
+    planner: MovePlanner,
+    state: State,
+    /// Open requests, oldest first.
+    queue: VecDeque<Delivery>,
+    deliveries: u64,
+    moves: u64,
+    leases: Leases,
+    /// The way of the trip under way, out and back, m: on a shared platen the courier may go nowhere else.
+    trip_m: Vec<Vector2<f64>>,
+    drift: Drift,
+    overheads: Overheads,
+    /// When feeding was last told to stop for a look.
+    stopped: Option<Stamp>,
+    /// What the generator was last told; nothing at first, when it may be doing anything.
+    feed_on: Option<bool>,
+    feed_refusal: Option<String>,
+    frame: Option<CandidateFrame>,
+    /// Stamp of the last frame that feeding has looked at.
+    fed_frame: Option<Stamp>,
+    courier: Option<CourierReport>,
+    /// Since when the courier has neither moved nor vibrated.
+    rest_since: Option<Stamp>,
+    move_ended: Option<(MoveId, Result<(), String>)>,
+    hand_over: VecDeque<HandOver>,
+    outputs: Vec<Output>,
+}
+
+impl DeliverySequencer {
+    /// Distance from the feeding place within which the courier counts as there, m.
+    const ARRIVED_M: f64 = 1e-4;
+    /// Room that areas leave for tracking errors, m.
+    pub const TRACKING_M: f64 = 1e-3;
+    /// Share of a new observation in the running means of overheads.
+    const GAIN: f64 = 0.3;
+
+    /// An idle sequencer for a tray on a courier.
+    ///
+    /// # Errors
+    /// A parameter out of its range, or a feeding place where the courier cannot stand.
+    pub fn new(
+        config: DeliveryConfig,
+        tray: TrayGeometry,
+        limits: CourierLimits,
+        load: Load,
+    ) -> Result<Self, OutOfRange> {
+        config.validate()?;
+        let planner = MovePlanner::new(config.gentle(), tray, limits, load)?.among(config.surroundings())?;
+        planner.check_reach(&config.feeding_place)?;
+        Ok(Self {
+            leases: Leases::new(config.arbitrated),
+            trip_m: Vec::new(),
+            drift: Drift::new(config.stop_drift_s),
+            overheads: Overheads { stop_s: 0.6, hand_over_s: 0.7 },
+            config,
+            planner,
+            state: State::Idle,
+            queue: VecDeque::new(),
+            deliveries: 0,
+            moves: 0,
+            stopped: None,
+            feed_on: None,
+            feed_refusal: None,
+            frame: None,
+            fed_frame: None,
+            courier: None,
+            rest_since: None,
+            move_ended: None,
+            hand_over: VecDeque::new(),
+            outputs: Vec::new(),
+        })
+    }
+
+    /// The present phase.
+    #[must_use]
+    pub fn phase(&self) -> Phase {
+        match self.state {
+            State::Idle => Phase::Idle,
+            State::Feeding { .. } => Phase::Feeding,
+            State::Purging { .. } => Phase::Purging,
+            State::Stopping { .. } => Phase::Stopping,
+            State::Settling => Phase::Settling,
+            State::Looking { .. } | State::Checking { .. } => Phase::Looking,
+            State::Reserving { .. } => Phase::Reserving,
+            State::Moving { .. } => Phase::Moving,
+            State::Presented { .. } => Phase::Presented,
+            State::ToReturn { .. } | State::Returning { .. } => Phase::Returning,
+            State::Fault { .. } => Phase::Fault,
+        }
+    }
+
+    /// Whether no fitting part has come for the starvation time: nothing is broken, but parts are needed.
+    #[must_use]
+    pub fn is_starved(&self) -> bool {
+        matches!(self.state, State::Feeding { starved: true, .. })
+    }
+
+    /// Why the planner is in fault, if it is.
+    #[must_use]
+    pub fn fault(&self) -> Option<&str> {
+        match &self.state {
+            State::Fault { reason } => Some(reason),
+            _ => None,
+        }
+    }
+
+    /// The open requests, oldest first.
+    pub fn open(&self) -> impl Iterator<Item = (DeliveryId, &DeliveryRequest)> {
+        self.queue.iter().map(|delivery| (delivery.id, &delivery.request))
+    }
+
+    /// Whether a courier report has come.
+    #[must_use]
+    pub fn is_connected(&self) -> bool {
+        self.courier.is_some()
+    }
+
+    /// Acts on what was reported until `now`.
+    pub fn step(&mut self, now: Stamp) -> Vec<Output> {
+        let expired: Vec<DeliveryId> = self
+            .queue
+            .iter()
+            .filter(|delivery| delivery.deadline.is_some_and(|deadline| deadline <= now))
+            .map(|delivery| delivery.id)
+            .collect();
+        for id in expired {
+            // A part under the tool may be being taken: only the hand-over's own time ends that.
+            let presented = matches!(self.state, State::Presented { .. });
+            if !(presented && self.state.stop().is_some_and(|stop| stop.id == id)) {
+                self.give_up(now, id, Failure::TimedOut(self.phase()));
+            }
+        }
+        while self.advance(now) {}
+        std::mem::take(&mut self.outputs)
+    }
+
+    /// Makes the transition that is due, if any.
+    fn advance(&mut self, now: Stamp) -> bool {
+        if let Some(reason) = self.feed_refusal.take() {
+            self.feed_on = None;
+            match self.state {
+                State::Feeding { .. } | State::Stopping { .. } => {
+                    return self.fail(now, Failure::FeedRefused(reason));
+                }
+                State::Purging { .. } => return self.end_purge(Err(reason)),
+                _ => self.outputs.push(Output::Warning(Warning::FeedRefused(reason))),
+            }
+        }
+        match self.state.clone() {
+            State::Idle => self.idle(now),
+            State::Feeding { since, starved } => self.feeding(now, since, starved),
+            State::Purging { since, deadline, empty, seen } => self.purging(now, since, deadline, empty, seen),
+            State::Stopping { since } => self.stopping(now, since),
+            State::Settling => self.settling(now),
+            State::Looking { since, rest_since, seen, looks } => self.looking(now, since, rest_since, seen, looks),
+            State::Reserving { stops } => self.reserving(now, stops),
+            State::Moving { stops, id, deadline, ended } => self.moving(now, stops, id, deadline, ended),
+            State::Checking { stops, since } => self.checking(now, stops, since),
+            State::Presented { stops, delivered, since, deadline, taken } => {
+                self.presented(now, stops, delivered, since, deadline, taken)
+            }
+            State::ToReturn { not_before, failures } => self.try_to_return(now, not_before, failures),
+            State::Returning { id, deadline, ended, failures } => self.returning(now, id, deadline, ended, failures),
+            State::Fault { reason } => {
+                let open = !self.queue.is_empty();
+                for delivery in std::mem::take(&mut self.queue) {
+                    self.outputs.push(Output::Finished(delivery.id, Err(Failure::Fault(reason.clone()))));
+                }
+                open
+            }
+        }
+    }
+
+    fn feed(&mut self, on: bool) {
+        if self.feed_on != Some(on) {
+            self.feed_on = Some(on);
+            self.outputs.push(Output::Feed(on));
+        }
+    }
+
+    /// Fails the delivery under way: that of the next stop, or the oldest while none is chosen.
+    fn fail(&mut self, now: Stamp, failure: Failure) -> bool {
+        let stop = self.state.stop().map(|stop| stop.id);
+        match stop.or_else(|| self.queue.front().map(|delivery| delivery.id)) {
+            Some(id) => self.finish(now, id, Err(failure)),
+            None => self.enter(State::Idle, None),
+        }
+    }
+
+    /// Ends an open delivery and goes on to what follows from where the courier is.
+    fn finish(&mut self, now: Stamp, id: DeliveryId, result: Result<Delivered, Failure>) -> bool {
+        if let State::Moving { id, ended: false, .. } = self.state
+            && !matches!(result, Err(Failure::Move(_)))
+        {
+            self.outputs.push(Output::CancelMove(id));
+        }
+        self.close(id, result);
+        match self.state.clone() {
+            State::Presented { mut stops, .. } => {
+                stops.pop_front();
+                self.next_stop(now, stops)
+            }
+            State::Moving { .. } | State::Checking { .. } => self.go_back(now),
+            State::Reserving { .. } => {
+                self.leases.end_trip(&mut self.outputs);
+                self.enter(State::Idle, None)
+            }
+            _ => self.enter(State::Idle, None),
+        }
+    }
+
+    /// Takes a delivery off the queue and tells its end.
+    fn close(&mut self, id: DeliveryId, result: Result<Delivered, Failure>) {
+        if let Some(index) = self.queue.iter().position(|delivery| delivery.id == id) {
+            self.queue.remove(index);
+            self.outputs.push(Output::Finished(id, result));
+        }
+    }
+
+    /// Ends an open delivery, under way or waiting. Says whether there was one that could still be ended.
+    fn give_up(&mut self, now: Stamp, id: DeliveryId, failure: Failure) -> bool {
+        if !self.queue.iter().any(|delivery| delivery.id == id) {
+            return false;
+        }
+        let taken = matches!(self.state, State::Presented { taken: Some(true), .. });
+        match (self.state.stop().is_some_and(|stop| stop.id == id), taken) {
+            (true, true) => return false,
+            (true, false) => drop(self.finish(now, id, Err(failure))),
+            (false, _) => {
+                let feeds_for_it = self.queue.len() == 1 && !matches!(self.phase(), Phase::Returning | Phase::Fault);
+                self.close(id, Err(failure));
+                if feeds_for_it && self.state.stop().is_none() {
+                    self.enter(State::Idle, None);
+                }
+            }
+        }
+        true
+    }
+
+    /// The open requests as trips see them.
+    fn offers(&self) -> Vec<Open<'_>> {
+        let open = self.queue.iter().map(|delivery| Open {
+            id: delivery.id,
+            request: &delivery.request,
+            station_m: delivery.station_m,
+        });
+        match self.config.strategy {
+            Strategy::Optimal => open.collect(),
+            Strategy::Naive => open.take(1).collect(),
+        }
+    }
+
+    fn delivery(&self, id: DeliveryId) -> Option<&Delivery> {
+        self.queue.iter().find(|delivery| delivery.id == id)
+    }
+
+    /// Whether a candidate fits any open request.
+    fn is_wanted(&self, candidate: &super::choice::Candidate) -> bool {
+        let fits = |delivery: &Delivery| -> Option<Choice> {
+            fitting(candidate, Stamp::ZERO, &delivery.request, &delivery.station_m, &self.config, &self.planner)
+        };
+        self.queue.iter().any(|delivery| fits(delivery).is_some())
+    }
+
+    fn at_feeding_place(&self, report: &CourierReport) -> bool {
+        let offset: Vector3<f64> = report.position - self.config.feeding_place;
+        offset.xy().norm() <= Self::ARRIVED_M
+    }
+
+    /// Where the courier parks.
+    fn parking(&self) -> Area {
+        Area::disc(self.config.feeding_place.xy(), self.config.footprint_radius_m)
+    }
+
+    fn next_move(&mut self) -> MoveId {
+        self.moves += 1;
+        self.move_ended = None;
+        MoveId(self.moves)
+    }
+
+    /// Enters a state and tells its phase.
+    fn enter(&mut self, state: State, presented_at: Option<Stamp>) -> bool {
+        self.state = state;
+        let phase = self.phase();
+        let delivery = self.state.stop().map(|stop| stop.id);
+        self.outputs.push(Output::Phase { phase, delivery, presented_at });
+        true
+    }
+}
+
+fn late(now: Stamp, since: Stamp, timeout_s: f64) -> bool {
+    now >= since + Duration::from_secs_f64(timeout_s)
+}
+
+/// A running mean with one more observation, s.
+fn mean_s(mean_s: f64, since: Stamp, now: Stamp) -> f64 {
+    mean_s + DeliverySequencer::GAIN * (now.saturating_sub(since).as_secs_f64() - mean_s)
+}

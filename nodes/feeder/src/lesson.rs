@@ -1,0 +1,93 @@
+//! The teaching session: parts are laid on the plateau, pictures taken, and the selector learns from those.
+
+use std::f64::consts::TAU;
+
+use feeder_model::geometry::StablePose;
+use feeder_sim::camera::{PartView, Renderer, Scene, TrayShot};
+use feeder_vision::{LaidPart, PartModel, PoseSpec, TeachFrame, TeachSpec, teach};
+use image::GrayImage;
+use nalgebra::{Isometry2, Point2};
+use rand::{Rng, RngExt};
+
+/// Pictures of the bare plateau, of each pose that looks the same from all sides, and of each other one: it must be shown at
+/// all yaws.
+const BARE_FRAMES: usize = 6;
+const FRAMES_OF_ROUND: usize = 16;
+const FRAMES_OF_TURNED: usize = 40;
+/// Parts laid for each picture at most.
+const PARTS_PER_FRAME: usize = 9;
+/// Free room round a part that is shown, m: its shadow must fall on no other.
+const ROOM_M: f64 = 0.004;
+
+/// Shows the selector pictures of a part, as `scene` yields them with the tray at `platen_from_tray`.
+pub fn taught(
+    scene: &Scene,
+    poses: &[StablePose],
+    platen_from_tray: &Isometry2<f64>,
+    contrast_min_levels: f64,
+    random: &mut impl Rng,
+) -> anyhow::Result<PartModel> {
+    let renderer = Renderer::new(scene)?;
+    let mut shots: Vec<(GrayImage, Vec<LaidPart>)> = Vec::new();
+    let mut shoot = |parts: Vec<LaidPart>, random: &mut _| -> anyhow::Result<()> {
+        let views: Vec<PartView> = parts.iter().map(|part| view(part, scene)).collect();
+        let mut image = GrayImage::default();
+        renderer.render(&TrayShot::still(*platen_from_tray), &views, random, &mut image)?;
+        shots.push((image, parts));
+        Ok(())
+    };
+    for _ in 0..BARE_FRAMES {
+        shoot(Vec::new(), random)?;
+    }
+    for (pose, stable) in poses.iter().enumerate() {
+        let frames = if stable.yaw_symmetry == 0 { FRAMES_OF_ROUND } else { FRAMES_OF_TURNED };
+        for _ in 0..frames {
+            let parts = laid_out(scene, pose, stable, random);
+            shoot(parts, random)?;
+        }
+    }
+    let frames: Vec<TeachFrame<'_>> =
+        shots.iter().map(|(image, parts)| TeachFrame { image, platen_from_tray: *platen_from_tray, parts }).collect();
+    let spec = TeachSpec {
+        poses: poses
+            .iter()
+            .map(|pose| PoseSpec {
+                height_m: pose.height_m,
+                outline_m: pose.outline.corners_m.clone(),
+                yaw_symmetry: pose.yaw_symmetry,
+            })
+            .collect(),
+        contrast_min_levels,
+    };
+    Ok(teach(&frames, &scene.camera, &scene.tray, &spec)?)
+}
+
+/// A laid part as the camera sees it.
+pub fn view(part: &LaidPart, scene: &Scene) -> PartView {
+    PartView {
+        x_m: part.place.x,
+        y_m: part.place.y,
+        z_m: scene.tray.geometry.rise_m,
+        yaw_rad: part.yaw_rad,
+        pose: part.pose,
+        ..PartView::default()
+    }
+}
+
+/// Parts of one pose strewn over the plateau with room between them, turned at random.
+fn laid_out(scene: &Scene, pose: usize, stable: &StablePose, random: &mut impl Rng) -> Vec<LaidPart> {
+    const TRIES: usize = 400;
+    let tray = &scene.tray.geometry;
+    let reach_m = stable.outline.radius_m;
+    let mut parts: Vec<LaidPart> = Vec::new();
+    for _ in 0..TRIES {
+        let radius_m = random.random_range(tray.inner_radius_m + reach_m..tray.outer_radius_m - reach_m);
+        let angle_rad = random.random_range(tray.ramp_angle_rad..TAU);
+        let place = Point2::new(radius_m * angle_rad.cos(), radius_m * angle_rad.sin());
+        let free = parts.iter().all(|part| (part.place - place).norm() > 2.0 * reach_m + ROOM_M);
+        if free && scene.tray.inside_sector_m(place) > reach_m && parts.len() < PARTS_PER_FRAME {
+            parts.push(LaidPart { pose, place, yaw_rad: random.random_range(0.0..TAU) });
+        }
+    }
+    parts
+}

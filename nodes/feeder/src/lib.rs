@@ -1,0 +1,83 @@
+//! The `feeder` command as a library: each subcommand lives in a module of its own, this file only names them.
+
+mod bag;
+mod crew;
+mod graph_check;
+pub mod lesson;
+pub mod part;
+pub mod recording;
+pub mod scenario_file;
+pub mod summary;
+mod table;
+mod teach;
+pub mod up;
+mod view;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// A miniature mobile parts feeder. Without a subcommand the built-in scenario runs.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Up(up::UpArgs),
+    Check(scenario_file::CheckArgs),
+    Node(NodeArgs),
+    Bag(bag::BagArgs),
+    Teach(teach::TeachArgs),
+    GraphCheck(graph_check::Args),
+    Part(part::Args),
+}
+
+/// Run one node of a scenario.
+#[derive(Debug, clap::Args)]
+struct NodeArgs {
+    /// Name of the node
+    #[arg(value_parser = clap::builder::PossibleValuesParser::new(table::NODES.iter().map(|entry| entry.name)))]
+    name: String,
+    /// Options of the node; `feeder node NAME -- --help` lists them
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    options: Vec<OsString>,
+}
+
+/// The command line: runs the subcommand asked for.
+#[must_use]
+pub fn main() -> ExitCode {
+    let outcome = match Cli::parse().command.unwrap_or_else(|| Command::Up(up::UpArgs::default())) {
+        Command::Up(args) => {
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
+            up::run(&args)
+        }
+        Command::Check(args) => scenario_file::check(&args),
+        Command::Node(args) => return node(args),
+        Command::Bag(args) => {
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
+            return bag::run(&args);
+        }
+        Command::GraphCheck(args) => graph_check::run(&args),
+        Command::Teach(args) => teach::run(&args),
+        Command::Part(args) => part::run(&args),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn node(args: NodeArgs) -> ExitCode {
+    match table::NODES.iter().find(|entry| entry.name == args.name) {
+        Some(entry) => (entry.main)(args.options),
+        None => ExitCode::FAILURE,
+    }
+}

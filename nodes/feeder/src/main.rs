@@ -1,0 +1,5 @@
+//! The `feeder` command.
+
+fn main() -> std::process::ExitCode {
+    feeder::main()
+}

@@ -1,0 +1,230 @@
+//! How a run went, for people and for programs.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::time::Duration;
+
+use run_monitor::{Activity, FeederProgress, Progress};
+use serde::Serialize;
+
+/// The outcome of a run. Counts and slip are by ground truth.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// Parts that entered the plateau; one that comes round again counts again.
+    fed: u32,
+    /// Distinct parts the selector saw on the plateau; for people only.
+    #[serde(skip)]
+    seen: usize,
+    /// Distinct parts the selector called right.
+    selected: usize,
+    /// Parts picked.
+    delivered: u32,
+    /// Parts picked that lay in another pose than the wanted one.
+    wrong_pose_delivered: u32,
+    /// Largest displacement in the tray frame of a delivered part between settled and picked, m; null: not known.
+    max_slip_m: Option<f64>,
+    /// Parts picked per minute of simulated time.
+    pub delivered_per_minute: f64,
+    /// How a delivery's time was spent, s: all that the planners did but idle, over the parts picked; null without any.
+    per_delivery_s: Option<BTreeMap<&'static str, f64>>,
+    /// How each feeder fed.
+    feeding: Vec<Feeding>,
+    /// Deliveries accepted by the planners.
+    accepted: u32,
+    /// Deliveries that ended with the part taken.
+    succeeded: u32,
+    /// Deliveries that failed, by outcome.
+    failed: BTreeMap<&'static str, u32>,
+    /// Parts that vanished.
+    parts_lost: u32,
+    /// Parts picked twice.
+    parts_doubled: u32,
+    /// How couriers that share the platen kept apart; null: they do not.
+    platen: Option<Platen>,
+    /// Simulated time, s.
+    sim_s: f64,
+    /// Wall time of the run without start-up, s.
+    wall_s: f64,
+    /// Wall time from the command to the first tick, s.
+    startup_s: f64,
+    /// Simulated seconds per wall second.
+    real_time_factor: f64,
+}
+
+/// How a feeder fed, and what its selector made of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct Feeding {
+    /// Name of the feeder.
+    feeder: String,
+    /// Parts per minute that passed the camera, and of these those that lay right and apart.
+    passed_per_min: f64,
+    good_per_min: f64,
+    /// What the selector called right and was; and was not; and good parts it never called right. Once a lap each.
+    right_selections: u32,
+    wrong_selections: u32,
+    missed_selections: u32,
+    /// Share of the parts on the plateau with a gap of one length or more, and the mean gap, m.
+    singulation: f64,
+    gap_m: f64,
+    /// Mean time from leaving the plateau to entering it again, s.
+    recirculation_s: f64,
+    /// Jams on the ramp, and parts stranded at the end.
+    jams: u32,
+    stranded: u32,
+}
+
+impl Feeding {
+    fn of(feeder: &FeederProgress) -> Self {
+        let (feed, report) = (&feeder.feed, &feeder.feed.report);
+        Self {
+            feeder: feeder.name.clone(),
+            passed_per_min: report.per_minute(report.passed),
+            good_per_min: report.per_minute(report.good),
+            right_selections: feed.right_selections,
+            wrong_selections: feed.wrong_selections,
+            missed_selections: feed.missed_selections,
+            singulation: report.singulation,
+            gap_m: report.gap_m,
+            recirculation_s: report.recirculation_s,
+            jams: feed.jams,
+            stranded: feed.stranded,
+        }
+    }
+
+    fn rows(&self, named: bool, row: &mut impl FnMut(&str, String) -> fmt::Result) -> fmt::Result {
+        if named {
+            row("feeder", self.feeder.clone())?;
+        }
+        row("past the camera", format!("{:.1} /min", self.passed_per_min))?;
+        row("  of these right and apart", format!("{:.1} /min", self.good_per_min))?;
+        row("selected rightly", self.right_selections.to_string())?;
+        row("  wrongly", self.wrong_selections.to_string())?;
+        row("  missed", self.missed_selections.to_string())?;
+        row("apart on the plateau", format!("{:.0} %", 100.0 * self.singulation))?;
+        row("  mean gap", format!("{:.1} mm", 1e3 * self.gap_m))?;
+        row("recirculation", format!("{:.1} s", self.recirculation_s))?;
+        row("jams", self.jams.to_string())?;
+        row("parts stranded", self.stranded.to_string())
+    }
+}
+
+/// How couriers kept apart, from where they were in each tick.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct Platen {
+    /// Smallest distance between two couriers' centres, m; null with one courier.
+    couriers_closest_m: Option<f64>,
+    /// Ticks in which two couriers overlapped.
+    collisions: u32,
+    /// Ticks in which a courier reached out of the areas it held.
+    out_of_area: u32,
+}
+
+/// The outcomes of a delivery, in the order of their numbers in `DeliverPart`'s result.
+const OUTCOMES: [&str; 11] = [
+    "delivered",
+    "cancelled",
+    "timed_out",
+    "feeding_failed",
+    "no_image",
+    "move_failed",
+    "area_refused",
+    "part_lost",
+    "no_handover",
+    "not_taken",
+    "fault",
+];
+
+impl Summary {
+    /// The summary of a run of so many ticks that took `startup` until its first tick and `wall` from there.
+    #[must_use]
+    pub fn new(
+        progress: &Progress,
+        is_shared: bool,
+        ticks: u64,
+        tick_ns: u64,
+        startup: Duration,
+        wall: Duration,
+    ) -> Self {
+        let sim_s = Duration::from_nanos(ticks * tick_ns).as_secs_f64();
+        let wall_s = wall.as_secs_f64();
+        let delivered = progress.delivered();
+        let rate = |count: f64, time_s: f64| if time_s > 0.0 { count / time_s } else { 0.0 };
+        let spent_s =
+            |activity| -> f64 { progress.feeders.iter().filter_map(|feeder| feeder.spent_s.get(&activity)).sum() };
+        let per_delivery =
+            Activity::OF_A_DELIVERY.map(|(activity, name)| (name, spent_s(activity) / f64::from(delivered)));
+        let failed = OUTCOMES.iter().enumerate().filter_map(|(index, name)| {
+            let count = progress.sum(|feeder| feeder.failed_by_outcome.get(index).copied().unwrap_or(0));
+            (count > 0).then_some((*name, count))
+        });
+        Self {
+            fed: progress.sum(|feeder| feeder.fed),
+            seen: progress.seen(),
+            selected: progress.selected(),
+            delivered,
+            wrong_pose_delivered: progress.sum(|feeder| feeder.wrong_pose_delivered),
+            max_slip_m: progress.max_slip_m(),
+            delivered_per_minute: rate(60.0 * f64::from(delivered), sim_s),
+            per_delivery_s: (delivered > 0).then(|| per_delivery.into()),
+            feeding: progress.feeders.iter().map(Feeding::of).collect(),
+            accepted: progress.sum(|feeder| feeder.accepted),
+            succeeded: progress.sum(|feeder| feeder.succeeded),
+            failed: failed.collect(),
+            parts_lost: progress.sum(|feeder| feeder.parts_lost),
+            parts_doubled: progress.sum(|feeder| feeder.parts_doubled),
+            platen: is_shared.then_some(Platen {
+                couriers_closest_m: progress.couriers_closest_m,
+                collisions: progress.collisions,
+                out_of_area: progress.out_of_area,
+            }),
+            sim_s,
+            wall_s,
+            startup_s: startup.as_secs_f64(),
+            real_time_factor: rate(sim_s, wall_s),
+        }
+    }
+
+    /// As JSON.
+    ///
+    /// # Errors
+    /// A number that JSON cannot hold.
+    pub fn to_json(&self) -> serde_json::Result<String> {
+        serde_json::to_string_pretty(self).map(|text| text + "\n")
+    }
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut row = |name: &str, value: String| writeln!(f, "  {name:<32} {value:>12}");
+        row("parts fed to the plateau", self.fed.to_string())?;
+        row("distinct parts seen", self.seen.to_string())?;
+        row("distinct parts called right", self.selected.to_string())?;
+        row("parts delivered", self.delivered.to_string())?;
+        row("  of these in a wrong pose", self.wrong_pose_delivered.to_string())?;
+        let slip = self.max_slip_m.map_or("not known".to_owned(), |slip_m| format!("{:.1} µm", slip_m * 1e6));
+        row("largest slip of a delivered part", slip)?;
+        row("parts delivered a minute", format!("{:.1}", self.delivered_per_minute))?;
+        for (_, name) in Activity::OF_A_DELIVERY {
+            if let Some(spent_s) = self.per_delivery_s.as_ref().and_then(|spent_s| spent_s.get(name)) {
+                row(&format!("  {name}, a delivery"), format!("{spent_s:.2} s"))?;
+            }
+        }
+        for feeding in &self.feeding {
+            feeding.rows(self.feeding.len() > 1, &mut row)?;
+        }
+        for (outcome, count) in &self.failed {
+            row(&format!("deliveries failed: {outcome}"), count.to_string())?;
+        }
+        if let Some(platen) = &self.platen {
+            if let Some(closest_m) = platen.couriers_closest_m {
+                row("closest distance of two couriers", format!("{:.1} mm", closest_m * 1e3))?;
+            }
+            row("ticks with couriers overlapping", platen.collisions.to_string())?;
+            row("ticks outside reserved areas", platen.out_of_area.to_string())?;
+        }
+        row("simulated time", format!("{:.2} s", self.sim_s))?;
+        row("wall time", format!("{:.2} s", self.wall_s))?;
+        row("start-up", format!("{:.2} s", self.startup_s))?;
+        row("real-time factor", format!("{:.1}", self.real_time_factor))
+    }
+}

@@ -1,0 +1,323 @@
+//! `feeder up`: starts the nodes of a scenario, keeps simulated time, shows progress, and says how it went.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, bail};
+use feeder_runtime::dds::{DiscoveryRange, Domain, NodeName, Participant};
+use feeder_runtime::digest::{self, Digest};
+use feeder_runtime::launch::{Seat, full_name, run_opened};
+use feeder_runtime::lockstep::{Clock, ClockRunner, Hub, LoopContract, LoopTiming, Speed};
+use feeder_runtime::node::{Declare, FeederNode, Interface};
+use feeder_scenario::Scenario;
+use run_monitor::{Progress, RunMonitor};
+
+use crate::crew::{Crew, NodeThread};
+use crate::recording::{RecordOptions, Recording};
+use crate::summary::Summary;
+use crate::table::placed;
+use crate::view::View;
+
+/// How long nodes may take to appear and connect, wall time.
+const START_UP_LIMIT: Duration = Duration::from_secs(20);
+/// How long nodes may take to leave after the end, wall time.
+const SHUT_DOWN_LIMIT: Duration = Duration::from_secs(5);
+/// How long they may take after a failure: short, as one of them may hang and the user waits for the reason.
+const FAILED_SHUT_DOWN_LIMIT: Duration = Duration::from_secs(1);
+/// How long to listen for others in the domain before starting.
+const BUSY_CHECK: Duration = Duration::from_millis(600);
+
+/// Run a scenario: all nodes, simulated time, progress and a summary.
+#[derive(Debug, Clone, clap::Args)]
+pub struct UpArgs {
+    /// Scenario file (YAML); without it the built-in scenario runs
+    #[arg(long, value_name = "FILE")]
+    pub scenario: Option<PathBuf>,
+    /// Simulated seconds per wall second: a positive number, or max
+    #[arg(long, default_value = "max", value_parser = parse_speed, allow_negative_numbers = true, value_name = "1|N|max")]
+    pub speed: Speed,
+    /// Seed of all random numbers, instead of the scenario's
+    #[arg(long, allow_negative_numbers = true)]
+    pub seed: Option<u64>,
+    /// DDS domain, instead of ROS_DOMAIN_ID
+    #[arg(long, value_parser = clap::value_parser!(u16).range(0..=232), allow_negative_numbers = true)]
+    pub domain: Option<u16>,
+    /// Simulated seconds to run, instead of the scenario's
+    #[arg(long, allow_negative_numbers = true, value_name = "SECONDS")]
+    pub duration: Option<f64>,
+    /// End when so many parts are delivered, instead of the scenario's goal
+    #[arg(long, value_name = "PARTS", value_parser = clap::value_parser!(u32).range(1..))]
+    pub goal: Option<u32>,
+    /// All nodes in this process instead of one process each
+    #[arg(long)]
+    pub composed: bool,
+    /// Write the summary to this file (JSON)
+    #[arg(long, value_name = "FILE")]
+    pub summary: Option<PathBuf>,
+    /// Write a fingerprint of every topic to this file
+    #[arg(long, value_name = "FILE")]
+    pub digest: Option<PathBuf>,
+    /// What is recorded.
+    #[command(flatten)]
+    pub recording: RecordOptions,
+}
+
+impl Default for UpArgs {
+    fn default() -> Self {
+        Self {
+            scenario: None,
+            speed: Speed::Max,
+            seed: None,
+            domain: None,
+            duration: None,
+            goal: None,
+            composed: false,
+            summary: None,
+            digest: None,
+            recording: RecordOptions::default(),
+        }
+    }
+}
+
+impl UpArgs {
+    /// To run a scenario as fast as the machine allows, and record it.
+    pub(crate) fn again(
+        scenario: PathBuf,
+        duration_s: f64,
+        composed: bool,
+        domain: Option<u16>,
+        recording: RecordOptions,
+    ) -> Self {
+        Self { scenario: Some(scenario), duration: Some(duration_s), composed, domain, recording, ..Self::default() }
+    }
+}
+
+fn parse_speed(text: &str) -> Result<Speed, String> {
+    if text == "max" {
+        return Ok(Speed::Max);
+    }
+    match text.parse::<f64>() {
+        Ok(speed) if speed.is_finite() && speed > 0.0 => Ok(Speed::Paced(speed)),
+        _ => Err(format!("{text:?} is neither a positive number nor max")),
+    }
+}
+
+/// Runs the scenario to its end.
+pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
+    let scenario = load_scenario(args)?;
+    let stop = stop_on_signals()?;
+    let Ended { summary, outcome, .. } = execute(&scenario, args, &stop)?;
+    print!("{summary}");
+    if let Some(file) = &args.summary {
+        write(file, &summary.to_json()?)?;
+    }
+    outcome
+}
+
+/// A flag that is set when the user wants the run to end.
+pub fn stop_on_signals() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).context("cannot listen for signals")?;
+    }
+    Ok(stop)
+}
+
+/// How a run went as far as it came, and whether it came to its end.
+#[derive(Debug)]
+pub struct Ended {
+    /// How it went.
+    pub summary: Summary,
+    /// What the run monitor saw.
+    pub progress: Progress,
+    /// Why it did not come to its end.
+    pub outcome: anyhow::Result<()>,
+}
+
+/// Runs a scenario as `args` say but for the scenario they name.
+///
+/// # Errors
+/// A domain that is taken, nodes that cannot be connected or started.
+pub fn execute(scenario: &Scenario, args: &UpArgs, stop: &AtomicBool) -> anyhow::Result<Ended> {
+    let started = Instant::now();
+    let domain = domain(args)?;
+    let participant = Participant::open(&domain, &NodeName::new("/", "feeder_up")?)?;
+    refuse_busy_domain(&participant, &domain, scenario, stop)?;
+
+    let contract = Arc::new(connect(scenario)?);
+    let work = tempfile::tempdir().context("cannot make a temporary folder")?;
+    let digests = work.path().join("digests");
+    std::fs::create_dir(&digests)?;
+    let digest_dir = args.digest.is_some().then(|| digests.clone());
+    let progress = Arc::new(Mutex::new(Progress::default()));
+    let recording = Recording::start(&args.recording, work.path(), &contract, scenario)?;
+    let record_to = recording.as_ref().map(Recording::socket);
+
+    let hub = args.composed.then(Hub::default);
+    let left_early = Arc::new(AtomicBool::new(false));
+    let seat = |namespace: &str| Seat {
+        contract: Arc::clone(&contract),
+        namespace: namespace.to_owned(),
+        domain,
+        hub: hub.clone(),
+        digest_dir: digest_dir.clone(),
+        record_to: record_to.map(Path::to_owned),
+        stop: Arc::clone(&left_early),
+    };
+    let monitor = start_monitor(&seat(&format!("/{}", scenario.feeder)), scenario, Arc::clone(&progress))?;
+    let mut crew = if args.composed {
+        Crew::threads(&seat, scenario)?
+    } else {
+        Crew::processes(work.path(), scenario, &contract, &domain, digest_dir.as_deref(), record_to)?
+    };
+
+    let end_tick = ticks(scenario.run.duration_s, contract.timing.tick_ns);
+    let clock = Clock::new(contract.as_ref().clone(), args.speed, end_tick, START_UP_LIMIT);
+    let clock_digest = Digest::new(digest_dir.as_deref(), "/clock", &contract.shared_topics);
+    let mut clock = ClockRunner::open(&participant, &contract, hub.as_ref(), clock, clock_digest)?;
+    if let Some(socket) = record_to {
+        clock.record_to(socket, &contract).context("cannot record /clock")?;
+    }
+    let view = View::new(end_tick, contract.timing.tick_ns);
+    let result = clock.run(stop, |tick| {
+        let now = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        crew.for_each_line(|line| view.line(line));
+        view.show(tick, &now);
+        if recording.as_ref().is_some_and(Recording::has_failed) {
+            return Err("the recorder has stopped".to_owned());
+        }
+        crew.check()
+    });
+    let ended = Instant::now();
+    left_early.store(result.is_err(), Ordering::Relaxed);
+    let limit = if result.is_ok() { SHUT_DOWN_LIMIT } else { FAILED_SHUT_DOWN_LIMIT };
+    let left = crew.finish(limit, |line| view.line(line));
+    let monitored = monitor.join();
+    view.close();
+    let tick = clock.tick();
+    let started_ticking = clock.started_at().unwrap_or(ended);
+    let told = clock.finish().context("cannot keep the digest or the record of /clock");
+    let recorded = recording.map_or(Ok(()), |recording| recording.finish(tick));
+
+    let progress = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    let (startup, wall) = (started_ticking - started, ended - started_ticking);
+    let summary = Summary::new(&progress, scenario.is_arbitrated(), tick, contract.timing.tick_ns, startup, wall);
+    let outcome = || {
+        // A recorder that fails ends the run: its reason comes first.
+        recorded?;
+        result.context("the run ended early")?;
+        told?;
+        left.context("the run reached its end, but not every node left well")?;
+        match monitored {
+            Ok(outcome) => outcome.context("the run monitor failed")?,
+            Err(_) => bail!("the run monitor panicked"),
+        }
+        if let Some(file) = &args.digest {
+            let lines = digest::merge(&digests).context("cannot merge the digests")?;
+            let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
+            write(file, &text)?;
+        }
+        Ok(())
+    };
+    let outcome = outcome();
+    Ok(Ended { summary, progress, outcome })
+}
+
+/// The scenario that `args` name, with what they put in its place.
+///
+/// # Errors
+/// A scenario that cannot run.
+pub fn load_scenario(args: &UpArgs) -> anyhow::Result<Scenario> {
+    let mut scenario = crate::scenario_file::load_taught(args.scenario.as_deref())?;
+    if let Some(seed) = args.seed {
+        scenario.seed = seed;
+    }
+    if args.goal.is_some() {
+        scenario.run.goal_delivered = args.goal;
+    }
+    if let Some(duration_s) = args.duration {
+        scenario = scenario.with_duration_s(duration_s).context("--duration")?;
+    }
+    Ok(scenario)
+}
+
+/// The domain of `--domain` or the environment. The range is ROS 2's default, SUBNET, unless the environment says
+/// otherwise: a Cyclone DDS with default settings does not find participants that are on the loopback interface alone.
+fn domain(args: &UpArgs) -> anyhow::Result<Domain> {
+    let mut domain = Domain::from_env()?;
+    if let Some(id) = args.domain {
+        domain.id = id;
+    }
+    if domain.range == DiscoveryRange::Off {
+        bail!(
+            "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF: the nodes could not find each other; allowed here: LOCALHOST, SUBNET"
+        );
+    }
+    Ok(domain)
+}
+
+/// Two runs in one domain would drive each other.
+fn refuse_busy_domain(
+    participant: &Participant,
+    domain: &Domain,
+    scenario: &Scenario,
+    stop: &AtomicBool,
+) -> anyhow::Result<()> {
+    let ours = format!("/{}/", scenario.feeder);
+    let since = Instant::now();
+    while since.elapsed() < BUSY_CHECK && !stop.load(Ordering::Relaxed) {
+        let graph = participant.discovered();
+        let topics = graph.writers.iter().filter_map(|writer| writer.topic.strip_prefix("rt"));
+        if let Some(topic) = topics.filter(|topic| *topic == "/clock" || topic.starts_with(&ours)).min() {
+            bail!(
+                "domain {} is busy: somebody already publishes {topic}; choose another with --domain (0 to 232) or ROS_DOMAIN_ID",
+                domain.id
+            );
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    Ok(())
+}
+
+/// All nodes the scenario asks for, and the monitor: full names and ports.
+pub(crate) fn interfaces(scenario: &Scenario) -> Vec<(String, Interface)> {
+    let mut nodes: Vec<(String, Interface)> = Vec::new();
+    for placed in placed(scenario) {
+        nodes.push((placed.full_name(), (placed.entry.interface)(&placed.namespace, &placed.scenario)));
+    }
+    for namespace in RunMonitor::namespaces(scenario) {
+        let interface = feeder_runtime::launch::interface::<RunMonitor>(&namespace, scenario);
+        nodes.push((full_name(&namespace, RunMonitor::NAME), interface));
+    }
+    nodes
+}
+
+/// The loop of these nodes.
+pub(crate) fn connect(scenario: &Scenario) -> anyhow::Result<LoopContract> {
+    let timing = LoopTiming {
+        tick_ns: scenario.time.tick_ns(),
+        forward_delay_ticks: scenario.time.forward_delay_ticks,
+        feedback_delay_ticks: scenario.time.feedback_delay_ticks,
+        window_ticks: scenario.time.window_ticks,
+    };
+    Ok(LoopContract::connect(rand::random(), timing, &interfaces(scenario))?)
+}
+
+fn ticks(duration_s: f64, tick_ns: u64) -> u64 {
+    u64::try_from(Duration::from_secs_f64(duration_s).as_nanos()).unwrap_or(u64::MAX).div_ceil(tick_ns)
+}
+
+fn write(file: &Path, text: &str) -> anyhow::Result<()> {
+    std::fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))
+}
+
+fn start_monitor(seat: &Seat, scenario: &Scenario, progress: Arc<Mutex<Progress>>) -> anyhow::Result<NodeThread> {
+    let mut declare = Declare::new(&seat.namespace);
+    let ports = RunMonitor::declare(&mut declare, scenario);
+    let monitor = RunMonitor::watched(ports, scenario, progress)?;
+    let (seat, scenario) = (seat.clone(), scenario.clone());
+    let thread = std::thread::Builder::new().name(RunMonitor::NAME.to_owned());
+    Ok(thread.spawn(move || run_opened(&seat, monitor, RunMonitor::NAME, &scenario, declare.finish()))?)
+}

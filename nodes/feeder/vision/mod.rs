@@ -1,6 +1,0 @@
-//! Teaching the selector, and scoring it.
-
-pub(crate) mod crowd;
-pub(crate) mod lesson;
-pub(crate) mod score;
-pub(crate) mod score_vision;

@@ -1,0 +1,146 @@
+//! How well a courier feeds: against the same waveform averaged over servo ticks, which is the best a servo can do.
+
+use nalgebra::Vector3;
+
+use feeder_control::courier::Rejection;
+use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
+use feeder_model::mechanics::Friction;
+use feeder_model::mechanics::annular::{AnnularTrack, PartState};
+use feeder_model::motion::MotionSample;
+use feeder_model::tray::TrayGeometry;
+use feeder_model::waveform::{Axis, Waveform};
+use feeder_scenario::{SimulatedCourier, SimulatedDriver};
+
+/// Where the part on the ramp and the part on the plateau start, rad.
+const START_RAD: [f64; 2] = [1.0, 4.0];
+/// How long parts settle, and how long their feed is measured, s.
+const STRETCH_S: f64 = 1.0;
+
+/// What is fed, and by which waveform.
+#[derive(Clone, Debug)]
+pub struct FeedTrial {
+    waveform: Waveform,
+    track: AnnularTrack,
+    radius_m: f64,
+    period_s: f64,
+    reference_m_s: [f64; 2],
+}
+
+/// What a run shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FeedRun {
+    /// Feed on ramp and plateau over the reference, from 6 to 7 s after a cold start.
+    pub after_5_s: [f64; 2],
+    /// The same from 11 to 12 s.
+    pub after_10_s: [f64; 2],
+    /// Velocity against the waveform's, from 11 to 12 s, rad/s rms.
+    pub velocity_error_rad_s: f64,
+    /// Largest torque commanded in that time as acceleration times nominal inertia, N m.
+    pub torque_n_m: f64,
+}
+
+impl FeedTrial {
+    /// The trial of the paper's tray and waveform (9.0 and 66.7 μ g as numbers, rad/s², at 30 Hz), μ 0.2, at 85 mm, for a
+    /// servo period of `period_s`.
+    #[must_use]
+    #[expect(clippy::expect_used, reason = "the paper's values are in range")]
+    pub fn paper(period_s: f64) -> Self {
+        let mu_g = 0.2 * STANDARD_GRAVITY_M_S2;
+        let waveform = Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 9.0 * mu_g, 66.7 * mu_g).expect("in range");
+        let friction = Friction::uniform(0.2).expect("in range");
+        let track = AnnularTrack::new(TrayGeometry::PAPER, friction, STANDARD_GRAVITY_M_S2).expect("in range");
+        let mut trial = Self { waveform, track, radius_m: 0.085, period_s, reference_m_s: [1.0; 2] };
+        let averaged = trial.tick_averaged();
+        trial.reference_m_s = trial.feed_m_s(&averaged, &averaged);
+        trial
+    }
+
+    /// Feed of the waveform averaged over ticks, on ramp and plateau, m/s.
+    #[must_use]
+    pub fn reference_m_s(&self) -> [f64; 2] {
+        self.reference_m_s
+    }
+
+    /// The waveform.
+    #[must_use]
+    pub fn waveform(&self) -> &Waveform {
+        &self.waveform
+    }
+
+    /// Runs a courier from cold for 12 s.
+    ///
+    /// # Errors
+    /// A configuration out of its range, or one that refuses the waveform.
+    pub fn run(&self, courier: SimulatedCourier, seed: u64) -> Result<FeedRun, Rejection> {
+        let mut driver = courier.driver(seed)?;
+        driver.set_waveform(&self.waveform, true)?;
+        let second = self.ticks(STRETCH_S);
+        driver.step(5 * second);
+        let (after_5_s, _) = self.relative_feed(&mut driver);
+        driver.step(3 * second);
+        let (after_10_s, over) = self.relative_feed(&mut driver);
+        let peak = over.iter().map(|sample| sample.acceleration.z.abs()).fold(0.0, f64::max);
+        Ok(FeedRun {
+            after_5_s,
+            after_10_s,
+            velocity_error_rad_s: self.velocity_error_rad_s(&over),
+            torque_n_m: peak * courier.config.limits.moved(&courier.config.load).z,
+        })
+    }
+
+    /// Feed over the second after next relative to the reference, parts settling meanwhile, and the motion in it.
+    pub fn relative_feed(&self, driver: &mut SimulatedDriver) -> ([f64; 2], Vec<MotionSample>) {
+        let second = self.ticks(STRETCH_S);
+        let settle = driver.step(second).block.samples;
+        let over = driver.step(second).block.samples;
+        let feed_m_s = self.feed_m_s(&settle, &over);
+        ([0, 1].map(|surface| feed_m_s[surface] / self.reference_m_s[surface]), over)
+    }
+
+    /// For a motion that began a whole number of periods after the vibration.
+    fn velocity_error_rad_s(&self, samples: &[MotionSample]) -> f64 {
+        let square = |(tick, sample): (usize, &MotionSample)| {
+            (sample.velocity.z - self.waveform.state_at(tick as f64 * self.period_s).velocity).powi(2)
+        };
+        (samples.iter().enumerate().map(square).sum::<f64>() / samples.len() as f64).sqrt()
+    }
+
+    /// The waveform as a perfect tracker would run it.
+    fn tick_averaged(&self) -> Vec<MotionSample> {
+        let sample = |tick| {
+            let time_s = tick as f64 * self.period_s;
+            let state = self.waveform.state_at(time_s);
+            MotionSample {
+                position: Vector3::new(0.0, 0.0, state.position),
+                velocity: Vector3::new(0.0, 0.0, state.velocity),
+                acceleration: Vector3::new(0.0, 0.0, self.waveform.mean_acceleration(time_s, self.period_s)),
+            }
+        };
+        (0..self.ticks(STRETCH_S)).map(sample).collect()
+    }
+
+    /// Lets parts settle on one stretch of motion and measures their speed along ramp and plateau over another, m/s.
+    fn feed_m_s(&self, settle: &[MotionSample], over: &[MotionSample]) -> [f64; 2] {
+        let slope_cos = TrayGeometry::PAPER.ramp_slope_rad(self.radius_m).cos();
+        let mut index = 0;
+        START_RAD.map(|start_rad| {
+            let lever_m = [self.radius_m / slope_cos, self.radius_m][index];
+            index += 1;
+            let mut part = PartState::at_rest(self.radius_m, start_rad);
+            for sample in settle {
+                self.track.step(&mut part, sample, self.period_s);
+            }
+            let begun_rad = part.angle_rad;
+            for sample in over {
+                self.track.step(&mut part, sample, self.period_s);
+            }
+            (part.angle_rad - begun_rad) * lever_m / (over.len() as f64 * self.period_s)
+        })
+    }
+
+    fn ticks(&self, duration_s: f64) -> usize {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few thousand")]
+        let ticks = (duration_s / self.period_s).round() as usize;
+        ticks
+    }
+}

@@ -1,0 +1,75 @@
+//! The laboratory: studies of the feeder that no run needs, and the `feeder-lab` command that makes them.
+
+mod analysis;
+mod bulk;
+mod compare;
+pub mod design;
+mod drop;
+pub mod experiment;
+pub mod identify;
+mod plan_move;
+mod plot;
+mod slip_study;
+mod vision;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Studies of the feeder: design, figures, experiments, scores.
+#[derive(Debug, Parser)]
+#[command(name = "feeder-lab", version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Bulk(bulk::Args),
+    ComparePlanners(compare::Args),
+    Drop(drop::Args),
+    Experiment(analysis::experiment::Args),
+    FeedRate(analysis::feed_rate::Args),
+    Figures(analysis::figures::Args),
+    IdentifyFriction(analysis::identify::Args),
+    Optimize(analysis::optimize::Args),
+    PlanMove(plan_move::Args),
+    Plot(plot::Args),
+    ScoreVision(vision::score_vision::Args),
+    SlipStudy(slip_study::Args),
+    TrayMap(analysis::tray_map::Args),
+}
+
+/// The command line: runs the study asked for.
+#[must_use]
+pub fn main() -> ExitCode {
+    let outcome = match Cli::parse().command {
+        Command::Bulk(args) => bulk::run(&args),
+        Command::ComparePlanners(args) => {
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
+            compare::run(&args)
+        }
+        Command::Drop(args) => drop::run(&args),
+        Command::Experiment(args) => analysis::experiment::run(&args),
+        Command::FeedRate(args) => analysis::feed_rate::run(&args),
+        Command::Figures(args) => analysis::figures::run(&args),
+        Command::IdentifyFriction(args) => analysis::identify::run(&args),
+        Command::Optimize(args) => analysis::optimize::run(&args),
+        Command::PlanMove(args) => plan_move::run(&args),
+        Command::Plot(args) => {
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
+            plot::run(&args)
+        }
+        Command::ScoreVision(args) => vision::score_vision::run(&args),
+        Command::SlipStudy(args) => slip_study::run(&args),
+        Command::TrayMap(args) => analysis::tray_map::run(&args),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! The learning courier against plants that differ from the nominal one, measured by what it feeds.
+
+use std::f64::consts::PI;
+
+use feeder_control::courier::control::ControlParameters;
+use feeder_control::courier::{CourierConfig, LearningParameters, Trajectory, TrajectoryPoint};
+use feeder_lab::experiment::feed::FeedTrial;
+use feeder_model::motor::Load;
+use feeder_model::waveform::{Axis, Waveform};
+use feeder_scenario::{SimulatedCourier, assumed_motor};
+use feeder_sim::motor::MotorParameters;
+use nalgebra::Vector3;
+
+const TICK_S: f64 = 0.5e-3;
+/// A second: thirty periods of the waveform, ten windows of the learner.
+const SECOND: usize = 2000;
+
+fn trial() -> FeedTrial {
+    FeedTrial::paper(TICK_S)
+}
+
+fn waveform() -> Waveform {
+    trial().waveform().clone()
+}
+
+fn learning() -> SimulatedCourier {
+    let learning = LearningParameters { enabled: true, ..LearningParameters::default() };
+    SimulatedCourier { config: CourierConfig { learning, ..CourierConfig::default() }, motor: assumed_motor() }
+}
+
+/// A learning courier on a plant whose mass and delay are off by factors.
+fn off_nominal(mass: f64, delay: f64, ripple: f64, offset_m: f64) -> SimulatedCourier {
+    let assumed = assumed_motor();
+    let motor = MotorParameters {
+        mass_kg: assumed.mass_kg * mass,
+        inertia_kg_m2: assumed.inertia_kg_m2 * mass,
+        delay_s: assumed.delay_s * delay,
+        ripple,
+        // The whole ripple falls on the torque.
+        ripple_phase_rad: [0.0, PI, 0.0, PI],
+        center_of_mass_offset_m: [offset_m, 0.0],
+        ..assumed
+    };
+    SimulatedCourier { motor, ..learning() }
+}
+
+#[test]
+fn verif_the_reference_is_that_of_the_trial_table() {
+    // 2.013 and 7.595 mm/s, from a simulator of its own; over a second, part of a period may be in or out.
+    let [ramp_m_s, plateau_m_s] = trial().reference_m_s();
+    assert!((ramp_m_s - 2.013e-3).abs() < 1e-5 && (plateau_m_s - 7.595e-3).abs() < 1e-5, "{ramp_m_s} {plateau_m_s}");
+}
+
+#[test]
+fn verif_learning_feeds_as_computed_on_plants_that_are_off() {
+    // The bounds are those required of a single run; `feeder experiment learning` shows the whole grid.
+    let trial = trial();
+    let plants = [
+        off_nominal(1.0, 1.0, 0.05, 0.0),
+        off_nominal(0.8, 1.3, 0.0, 0.003),
+        off_nominal(1.2, 0.7, 0.1, 0.0),
+        off_nominal(0.8, 0.7, 0.1, 0.003),
+        off_nominal(1.2, 1.3, 0.05, 0.0),
+    ];
+    for config in plants {
+        for seed in 0..2 {
+            let run = trial.run(config, seed).unwrap();
+            let off = |feed: f64| (feed - 1.0).abs();
+            assert!(off(run.after_5_s[0]) < 0.10 && off(run.after_5_s[1]) < 0.02, "{run:?} {config:?}");
+            assert!(off(run.after_10_s[0]) < 0.05 && off(run.after_10_s[1]) < 0.0175, "{run:?} {config:?}");
+        }
+    }
+}
+
+#[test]
+fn verif_learning_follows_the_velocity_far_better_than_feedback() {
+    let trial = trial();
+    let learned = learning();
+    let plain = CourierConfig { learning: LearningParameters::default(), ..learned.config };
+    let feedback = ControlParameters { feed_forward: false, ..plain.control };
+    let [learned, fed_forward, fed_back] = [learned.config, plain, CourierConfig { control: feedback, ..plain }]
+        .map(|config| trial.run(SimulatedCourier { config, ..learned }, 1).unwrap().velocity_error_rad_s);
+    assert!(learned < fed_back / 40.0 && learned < fed_forward / 30.0, "{learned} {fed_forward} {fed_back}");
+}
+
+#[test]
+fn the_delay_is_learned_with_the_waveform() {
+    for (delay, ripple) in [(0.7, 0.1), (1.0, 0.05), (1.3, 0.0)] {
+        let config = off_nominal(1.2, delay, ripple, 0.003);
+        let mut driver = config.driver(3).unwrap();
+        driver.set_waveform(&waveform(), true).unwrap();
+        let learned_s = driver.step(5 * SECOND).status.learned_delay_s;
+        // A tenth of the error that it had at first.
+        assert!((learned_s - config.motor.delay_s).abs() < 15e-6, "{learned_s} {}", config.motor.delay_s);
+    }
+}
+
+#[test]
+fn what_was_learned_is_kept_while_another_waveform_runs() {
+    let mut driver = learning().driver(1).unwrap();
+    driver.set_waveform(&waveform(), true).unwrap();
+    let cold_rad = driver.step(SECOND / 2).status.tracking_error_rms.z;
+    let learned_rad = driver.step(3 * SECOND).status.tracking_error_rms.z;
+    let other = Waveform::coulomb_pump(Axis::Yaw, 0.05, 60.0, 0.4).unwrap();
+    driver.set_waveform(&other, true).unwrap();
+    driver.step(2 * SECOND);
+    driver.set_waveform(&waveform(), true).unwrap();
+    driver.step(SECOND / 4);
+    // Fading is not learned, and leaves errors of its own.
+    let again_rad = driver.step(SECOND / 2).status.tracking_error_rms.z;
+    assert!(again_rad < 0.2 * cold_rad && learned_rad < 0.5 * cold_rad, "{cold_rad} {learned_rad} {again_rad}");
+}
+
+#[test]
+fn periods_that_are_no_whole_number_of_ticks_are_learned() {
+    for period_s in [0.0333, 0.03, 1.0 / 27.0, 0.02 * 2.0_f64.sqrt()] {
+        let waveform = Waveform::stick_slip(Axis::Yaw, period_s, 17.66, 130.9).unwrap();
+        let mut driver = learning().driver(1).unwrap();
+        driver.set_waveform(&waveform, true).unwrap();
+        let cold_rad = driver.step(SECOND / 4).status.tracking_error_rms.z;
+        // The longest of these windows lasts a second.
+        driver.step(20 * SECOND);
+        let learned_rad = driver.step(SECOND).status.tracking_error_rms.z;
+        assert!(learned_rad < 0.1 * cold_rad, "{period_s}: {cold_rad} {learned_rad}");
+    }
+}
+
+#[test]
+fn a_load_and_a_move_are_got_over() {
+    let mut driver = learning().driver(1).unwrap();
+    driver.set_waveform(&waveform(), true).unwrap();
+    driver.step(3 * SECOND);
+    let load = Load { mass_kg: 0.3, inertia_kg_m2: 0.001 };
+    driver.set_load(load).unwrap();
+    driver.motor_mut().set_load(&load);
+    let there = TrajectoryPoint::at_rest(1.0, Vector3::new(0.2, 0.1, 0.0));
+    driver.execute(1, &Trajectory { points: vec![there] }).unwrap();
+    let step = driver.step(2 * SECOND);
+    assert_eq!((step.status.fault, step.status.saturated_ticks), (None, 0));
+    driver.step(2 * SECOND);
+    let (feed, _) = trial().relative_feed(&mut driver);
+    assert!((feed[0] - 1.0).abs() < 0.1 && (feed[1] - 1.0).abs() < 0.02, "{feed:?}");
+}

@@ -1,0 +1,9 @@
+//! The part: its shape, mass, friction and the ways it can lie.
+
+mod hazard;
+mod part_type;
+mod spec;
+
+pub use hazard::Hazard;
+pub use part_type::{PartProblem, PartType, PartTypeError};
+pub use spec::{DropTable, PartSpec, PoseName};

@@ -1,0 +1,493 @@
+//! A scenario: everything a run depends on, in one YAML file.
+
+mod catalogue;
+mod cell;
+mod loading;
+mod motor;
+mod source;
+mod waveform;
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+pub use catalogue::{PartSource, PartSourceError, catalogue_names};
+pub use cell::{FurtherFeeder, PLATEN_NAMESPACE, PlatenSection, Recipe};
+use feeder_control::courier::CourierConfig;
+use feeder_control::delivery::DeliveryConfig;
+use feeder_control::manipulator::ManipulatorConfig;
+use feeder_model::camera::{CameraModel, MountedTray};
+use feeder_model::part::PartType;
+use feeder_model::range::OutOfRange;
+use feeder_model::waveform::Waveform;
+use feeder_sim::camera::{LightModel, PartSolid, Scene, SensorModel, TrayAppearance};
+use feeder_sim::parts::BulkSettings;
+use feeder_vision::{PartModel, Selector, SelectorConfig};
+pub use motor::{MotorSource, SimulatedCourier, SimulatedDriver, assumed_motor};
+pub use source::Source;
+pub use waveform::WaveformSpec;
+
+/// The scenario that runs when none is named.
+pub const BUILT_IN: &str = include_str!("../../../launch_configs/default.yaml");
+
+/// The model of the part that comes with the feeder, by the name it has beside the built-in scenario.
+const MODEL_FILE: (&str, &str) = ("models/grommet.yaml", include_str!("../../../launch_configs/models/grommet.yaml"));
+
+/// Everything a run depends on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scenario {
+    /// Name of the feeder; its nodes live in the namespace of this name.
+    pub feeder: String,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// When the run ends, and when it may end early.
+    pub run: RunSection,
+    /// Ticks and delays of the simulated loop.
+    #[serde(default)]
+    pub time: TimeSection,
+    /// The tray and how it sits on the courier.
+    pub tray: MountedTray,
+    /// The vibration that feeds.
+    pub waveform: WaveformSpec,
+    /// What is simulated, and what control does not know.
+    #[serde(default)]
+    pub world: WorldSection,
+    /// The courier and its driver.
+    #[serde(default)]
+    pub courier: CourierConfig,
+    /// The parts: the name of a part of the catalogue, a part file, or a part.
+    pub part: PartSource,
+    /// How the parts behave in bulk. Where the radii are left out they follow from waveform, tray and friction.
+    #[serde(default)]
+    pub bulk: BulkSettings,
+    /// How many parts are loaded at the start.
+    pub parts_loaded: u32,
+    /// A hopper at the feeding place adds parts, one at a time, while fewer than this are in the feeder; 0: there is none.
+    #[serde(default)]
+    pub refill_below: u32,
+    /// The camera.
+    pub camera: CameraSection,
+    /// The vision selector. The wanted pose is the part's.
+    #[serde(default)]
+    pub selector: SelectorConfig,
+    /// What the selector was taught of the part: what `feeder teach` printed, or the file that it was printed to. Nothing
+    /// can run without, but a part can be taught.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part_model: Option<Source<PartModel>>,
+    /// The delivery planner. Its stations are those of `stations`.
+    #[serde(default)]
+    pub delivery: DeliveryConfig,
+    /// Where parts are delivered to, and who takes them there.
+    pub stations: Vec<Station>,
+    /// What can be fed; without any, the part in all its poses. The first is in force at the start.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub recipes: Vec<Recipe>,
+    /// What couriers share.
+    #[serde(default)]
+    pub platen: PlatenSection,
+    /// Feeders of the same kind on the same platen.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub further_feeders: Vec<FurtherFeeder>,
+}
+
+/// The simulated world, as far as it is not what control believes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WorldSection {
+    /// The motor: `ideal`, `assumed`, or its values.
+    pub motor: MotorSource,
+}
+
+/// When a run ends.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunSection {
+    /// Simulated time after which the run ends, s.
+    pub duration_s: f64,
+    /// Parts delivered after which it ends earlier.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub goal_delivered: Option<u32>,
+}
+
+/// Ticks of simulated time, and how late one node hears another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TimeSection {
+    /// Length of a tick, ms.
+    pub tick_ms: u64,
+    /// Delay from cause to effect, ticks.
+    pub forward_delay_ticks: u64,
+    /// Delay from what is seen to what is done about it, ticks: the latency that decisions have in a real cell.
+    pub feedback_delay_ticks: u64,
+    /// How far nodes may run ahead of each other, ticks. It changes no result.
+    pub window_ticks: u64,
+}
+
+impl Default for TimeSection {
+    fn default() -> Self {
+        Self { tick_ms: 10, forward_delay_ticks: 1, feedback_delay_ticks: 10, window_ticks: 32 }
+    }
+}
+
+impl TimeSection {
+    /// Length of a tick, ns.
+    #[must_use]
+    pub fn tick_ns(&self) -> u64 {
+        self.tick_ms * 1_000_000
+    }
+
+    /// Length of a tick, s.
+    #[must_use]
+    pub fn tick_s(&self) -> f64 {
+        std::time::Duration::from_millis(self.tick_ms).as_secs_f64()
+    }
+}
+
+/// The camera above the feeding place.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraSection {
+    /// Time between frames, ms; a whole number of ticks.
+    pub period_ms: u64,
+    /// Quality of the compressed image, 1 to 100.
+    pub jpeg_quality: u8,
+    /// Optics, size and place, as calibrated.
+    pub model: CameraModel,
+    /// How tray and platen look.
+    #[serde(default)]
+    pub tray: TrayAppearance,
+    /// The light.
+    #[serde(default)]
+    pub light: LightModel,
+    /// The sensor.
+    #[serde(default)]
+    pub sensor: SensorModel,
+}
+
+/// A place where a manipulator takes parts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Station {
+    /// Name of the station; its manipulator lives in the namespace of this name.
+    pub name: String,
+    /// The tool axis on the platen, x, m.
+    pub x_m: f64,
+    /// The tool axis on the platen, y, m.
+    pub y_m: f64,
+    /// The feeders that the manipulator asks for parts, in turn; empty: the first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub feeders: Vec<String>,
+    /// Somebody outside the run works here: no manipulator is started.
+    #[serde(default)]
+    pub external: bool,
+    /// The manipulator.
+    #[serde(default)]
+    pub manipulator: ManipulatorConfig,
+}
+
+/// Why a scenario cannot run.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ScenarioError {
+    /// The text is not a scenario: an unknown key, a wrong type, a missing value.
+    #[error("{0}")]
+    Yaml(String),
+    /// A value is out of its range, or does not go with others.
+    #[error("{section}: {problem}")]
+    Invalid {
+        /// Top-level key.
+        section: &'static str,
+        /// Key, value and allowed range.
+        problem: String,
+    },
+}
+
+impl Default for Scenario {
+    /// The built-in scenario.
+    fn default() -> Self {
+        #[expect(clippy::expect_used, reason = "part of this crate, and a test parses it")]
+        BUILT_IN.parse().expect("the built-in scenario is valid")
+    }
+}
+
+impl FromStr for Scenario {
+    type Err = ScenarioError;
+
+    /// Reads a scenario from YAML and checks it. Its part must be one of the catalogue or spelled out.
+    fn from_str(yaml: &str) -> Result<Self, ScenarioError> {
+        Self::read(yaml, &mut |_| Err("not found in the catalogue, and no file was read".to_owned()))
+    }
+}
+
+/// Poses that differ by less in height and reach are the same, m.
+const SAME_SIZE_M: f64 = 1e-6;
+
+/// The longest run, s: 24 hours.
+const DURATION_S_MAX: f64 = 86_400.0;
+
+impl Scenario {
+    /// Reads a scenario from YAML and checks it. `read` returns the content of a file the scenario names, or why there
+    /// is none.
+    ///
+    /// # Errors
+    /// A text that is no scenario, a value out of range, or a file that cannot be read.
+    pub fn read(yaml: &str, read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Self, ScenarioError> {
+        let mut scenario = Self::parse(yaml)?;
+        if let Some(Source::Name(name)) = &scenario.part_model {
+            scenario.part_model = Some(Source::Here(Box::new(read_model(name, read)?)));
+        }
+        scenario.load_and_check(read)
+    }
+
+    /// As [`read`](Self::read), but without what the selector was taught: that is about to be made anew.
+    ///
+    /// # Errors
+    /// As those of [`read`](Self::read).
+    pub fn read_untaught(
+        yaml: &str,
+        read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
+    ) -> Result<Self, ScenarioError> {
+        Self { part_model: None, ..Self::parse(yaml)? }.load_and_check(read)
+    }
+
+    fn parse(yaml: &str) -> Result<Self, ScenarioError> {
+        serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(error.to_string()))
+    }
+
+    fn load_and_check(mut self, read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Self, ScenarioError> {
+        self.part.load(read).map_err(|error| invalid("part", &error))?;
+        self.validate()?;
+        Ok(self)
+    }
+
+    /// The part, with its stable poses.
+    ///
+    /// # Errors
+    /// A part that is neither in the catalogue nor spelled out, or is none.
+    pub fn part_type(&self) -> Result<PartType, ScenarioError> {
+        self.part.part_type().map_err(|error| invalid("part", &error))
+    }
+
+    /// The same scenario with another duration.
+    ///
+    /// # Errors
+    /// A duration that is not positive, or longer than a day.
+    pub fn with_duration_s(mut self, duration_s: f64) -> Result<Self, ScenarioError> {
+        self.run.duration_s = duration_s;
+        self.validate()?;
+        Ok(self)
+    }
+
+    /// As YAML, every value spelled out.
+    ///
+    /// # Errors
+    /// A value that YAML cannot hold.
+    pub fn to_yaml(&self) -> Result<String, ScenarioError> {
+        serde_saphyr::to_string(self).map_err(|error| ScenarioError::Yaml(error.to_string()))
+    }
+
+    /// The waveform that feeds.
+    ///
+    /// # Errors
+    /// A parameter out of its range.
+    pub fn waveform(&self) -> Result<Waveform, ScenarioError> {
+        self.waveform.design(&self.tray.geometry).map_err(|error| invalid("waveform", &error))
+    }
+
+    /// What the camera sees.
+    #[must_use]
+    pub fn scene(&self, part: &PartType) -> Scene {
+        Scene {
+            camera: self.camera.model.clone(),
+            tray: self.tray,
+            tray_appearance: self.camera.tray,
+            part: PartSolid::new(part.mesh.clone(), &part.poses),
+            light: self.camera.light,
+            sensor: self.camera.sensor,
+        }
+    }
+
+    /// The delivery planner's parameters, with the stations and the keep-out areas of this scenario.
+    #[must_use]
+    pub fn delivery(&self, part: &PartType) -> DeliveryConfig {
+        let stations_m = self.stations.iter().map(|station| (station.name.clone(), [station.x_m, station.y_m].into()));
+        DeliveryConfig {
+            stations_m: stations_m.collect(),
+            rechecked_stations: self.rechecked_stations(part),
+            arbitrated: self.is_arbitrated(),
+            keep_out: self.platen.keep_out.iter().cloned().chain(self.parked_areas()).collect(),
+            ..self.delivery.clone()
+        }
+    }
+
+    /// The selector's parameters, with the wanted poses of the part.
+    #[must_use]
+    pub fn selector(&self, part: &PartType) -> SelectorConfig {
+        SelectorConfig { wanted_poses: part.wanted_poses.clone(), ..self.selector.clone() }
+    }
+
+    /// A selector that knows the part.
+    ///
+    /// # Errors
+    /// A part that was never taught, or values that do not go together.
+    pub fn taught_selector(&self) -> Result<Selector, ScenarioError> {
+        let Some(Source::Here(model)) = &self.part_model else {
+            let problem =
+                "missing: print what `feeder teach --scenario FILE` teaches to a file, and name that".to_owned();
+            return Err(ScenarioError::Invalid { section: "part_model", problem });
+        };
+        Selector::new(self.selector(&self.part_type()?), &self.camera.model, &self.tray, model)
+            .map_err(|error| invalid("selector", &error))
+    }
+
+    /// Namespace of the feeder's nodes.
+    #[must_use]
+    pub fn namespace(&self) -> String {
+        format!("/{}", self.feeder)
+    }
+
+    fn validate(&self) -> Result<(), ScenarioError> {
+        check_name("feeder", &self.feeder)?;
+        self.validate_time()?;
+        let geometry = self.tray.validate();
+        geometry.map_err(|error| invalid("tray", &error))?;
+        self.courier.validate().map_err(|error| invalid("courier", &error))?;
+        self.validate_waveform()?;
+        let part = self.part_type()?;
+        let bulk = self.bulk_settings(&part)?;
+        feeder_sim::parts::PartBulk::new(self.tray.geometry, part.clone(), bulk, self.seed)
+            .map_err(|error| invalid("bulk", &error))?;
+        self.validate_camera(&part)?;
+        if let Some(Source::Here(model)) = &self.part_model {
+            check_taught(model, &part)?;
+            Selector::check(&self.selector(&part), &self.camera.model, &self.tray, model)
+                .map_err(|error| invalid("selector", &error))?;
+        }
+        self.delivery(&part).validate().map_err(|error| invalid("delivery", &error))?;
+        self.validate_stations()?;
+        self.validate_cell(&part)
+    }
+
+    fn validate_time(&self) -> Result<(), ScenarioError> {
+        let duration_s = self.run.duration_s;
+        let in_range = duration_s > 0.0 && duration_s <= DURATION_S_MAX;
+        OutOfRange::unless(in_range, "duration_s", duration_s, format_args!("above 0, at most {DURATION_S_MAX}"))
+            .map_err(|error| invalid("run", &error))?;
+        let time = self.time;
+        check_count("time", "tick_ms", time.tick_ms, 1, 100)?;
+        check_count("time", "forward_delay_ticks", time.forward_delay_ticks, 1, 20)?;
+        check_count("time", "feedback_delay_ticks", time.feedback_delay_ticks, 1, 40)?;
+        let largest = time.forward_delay_ticks.max(time.feedback_delay_ticks);
+        check_count("time", "window_ticks", time.window_ticks, 4, 56 - largest)?;
+        let servo_ticks = self.time.tick_s() / self.courier.servo_period_s;
+        if (servo_ticks - servo_ticks.round()).abs() > 1e-9 {
+            let problem = format!("tick_ms = {} holds no whole number of courier.servo_period_s", time.tick_ms);
+            return Err(ScenarioError::Invalid { section: "time", problem });
+        }
+        Ok(())
+    }
+
+    /// The courier's driver with the simulated motor, whose sensor noise is drawn from `seed`.
+    ///
+    /// # Errors
+    /// A motor of an unknown name, or a value out of its range.
+    pub fn simulated_driver(&self, seed: u64) -> Result<SimulatedDriver, ScenarioError> {
+        let motor = self.world.motor.parameters().map_err(|problem| invalid("world", &problem))?;
+        motor.validate().map_err(|error| invalid("world", &error))?;
+        SimulatedCourier { config: self.courier, motor }.driver(seed).map_err(|error| invalid("courier", &error))
+    }
+
+    fn validate_waveform(&self) -> Result<(), ScenarioError> {
+        let waveform = self.waveform()?;
+        self.simulated_driver(self.seed)?;
+        self.courier.check_waveform(&waveform).map_err(|error| invalid("waveform", &error))
+    }
+
+    fn validate_camera(&self, part: &PartType) -> Result<(), ScenarioError> {
+        check_count("camera", "period_ms", self.camera.period_ms, self.time.tick_ms, 10_000)?;
+        if !self.camera.period_ms.is_multiple_of(self.time.tick_ms) {
+            let problem =
+                format!("period_ms = {} is no multiple of time.tick_ms = {}", self.camera.period_ms, self.time.tick_ms);
+            return Err(ScenarioError::Invalid { section: "camera", problem });
+        }
+        check_count("camera", "jpeg_quality", self.camera.jpeg_quality.into(), 1, 100)?;
+        self.scene(part).validate().map_err(|error| invalid("camera", &error))
+    }
+
+    fn validate_stations(&self) -> Result<(), ScenarioError> {
+        let section = "stations";
+        for (index, station) in self.stations.iter().enumerate() {
+            check_name(section, &station.name)?;
+            if self.feeder_names().any(|name| name == station.name)
+                || self.stations[..index].iter().any(|other| other.name == station.name)
+            {
+                let problem = format!("name = {:?} is used twice, allowed are distinct names", station.name);
+                return Err(ScenarioError::Invalid { section, problem });
+            }
+            let limits = &self.courier.limits;
+            for (key, value, min, max) in [
+                ("x_m", station.x_m, limits.x_m_min, limits.x_m_max),
+                ("y_m", station.y_m, limits.y_m_min, limits.y_m_max),
+            ] {
+                if !(min..=max).contains(&value) {
+                    let problem =
+                        format!("{}.{key} = {value} lies off the platen, allowed is {min} to {max}", station.name);
+                    return Err(ScenarioError::Invalid { section, problem });
+                }
+            }
+            let checked = station.manipulator.validate();
+            checked.map_err(|error| invalid(section, &format_args!("{}.manipulator: {error}", station.name)))?;
+        }
+        Ok(())
+    }
+}
+
+/// Checks that a model was taught the part and no other: its poses are as high and reach as far.
+fn check_taught(model: &PartModel, part: &PartType) -> Result<(), ScenarioError> {
+    let same = |a_m: f64, b_m: f64| (a_m - b_m).abs() <= SAME_SIZE_M;
+    let are_same = model.poses.len() == part.poses.len()
+        && model.poses.iter().zip(&part.poses).all(|(taught, pose)| {
+            let reach_m = taught.outline_m.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max);
+            same(taught.height_m, pose.height_m) && same(reach_m, pose.outline.radius_m)
+        });
+    if are_same {
+        return Ok(());
+    }
+    let problem = format!("was taught of another part than {}; teach it anew with `feeder teach`", part.name);
+    Err(ScenarioError::Invalid { section: "part_model", problem })
+}
+
+fn read_model(name: &str, read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<PartModel, ScenarioError> {
+    let refused =
+        |problem: String| ScenarioError::Invalid { section: "part_model", problem: format!("{name}: {problem}") };
+    let text = match read(name) {
+        Ok(bytes) => String::from_utf8_lossy(&bytes).into_owned(),
+        Err(_) if name == MODEL_FILE.0 => MODEL_FILE.1.to_owned(),
+        Err(problem) => return Err(refused(problem)),
+    };
+    serde_saphyr::from_str(&text).map_err(|error| refused(error.to_string()))
+}
+
+fn invalid(section: &'static str, problem: &impl fmt::Display) -> ScenarioError {
+    ScenarioError::Invalid { section, problem: problem.to_string() }
+}
+
+fn check_count(section: &'static str, key: &str, value: u64, min: u64, max: u64) -> Result<(), ScenarioError> {
+    if (min..=max).contains(&value) {
+        return Ok(());
+    }
+    let problem = format!("{key} = {value} is outside its range: {min} to {max}");
+    Err(ScenarioError::Invalid { section, problem })
+}
+
+/// ROS names: a letter, then letters, digits and underscores.
+fn check_name(section: &'static str, name: &str) -> Result<(), ScenarioError> {
+    let mut chars = name.chars();
+    let starts = chars.next().is_some_and(|first| first.is_ascii_alphabetic());
+    if starts && chars.all(|c| c.is_ascii_alphanumeric() || c == '_') {
+        return Ok(());
+    }
+    let problem = format!("name {name:?} is no ROS name, allowed are a letter, then letters, digits and underscores");
+    Err(ScenarioError::Invalid { section, problem })
+}

@@ -1,0 +1,22 @@
+//! The overhead camera: its calibration, the pictures it takes of the tray, and how they are coded for transport.
+//!
+//! [`CameraModel`] maps platen points to pixels and back; it is all of this module that the selector knows.
+//! [`Renderer`] takes the picture: platen, tray and parts under a light, through the lens, with sensor noise.
+//! [`codec`] turns pictures into JPEG and back.
+
+pub mod codec;
+mod light;
+mod noise;
+mod parts;
+mod relief;
+mod render;
+mod scene;
+mod solid;
+mod surfaces;
+mod tile;
+mod tray;
+
+pub use light::LightModel;
+pub use render::{Renderer, Scene, SensorModel, TrayShot};
+pub use scene::TrayAppearance;
+pub use solid::{PartSolid, PartView};

@@ -1,0 +1,61 @@
+//! What the parts that slide on the tray do to it.
+
+use nalgebra::{Vector2, Vector3};
+
+use crate::motor::MotorParameters;
+use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
+use feeder_model::motor::Wrench;
+
+/// All sliding parts lumped into a ring on the tray, held by Coulomb friction alone, in translation and in rotation.
+///
+/// Its reaction on the tray is known a block late, as it would be from a simulation of the parts that integrates block by
+/// block: the mean over one block acts throughout the next.
+#[derive(Clone, Debug)]
+pub(super) struct Slider {
+    velocity_m_s: Vector2<f64>,
+    turn_rad_s: f64,
+    /// Impulse given to the tray so far in this block, and the time it took.
+    impulse: Wrench,
+    elapsed_s: f64,
+    reaction: Wrench,
+}
+
+impl Slider {
+    pub(super) fn new() -> Self {
+        Self {
+            velocity_m_s: Vector2::zeros(),
+            turn_rad_s: 0.0,
+            impulse: Wrench::zeros(),
+            elapsed_s: 0.0,
+            reaction: Wrench::zeros(),
+        }
+    }
+
+    /// Force and torque on the tray now.
+    pub(super) fn reaction(&self) -> Wrench {
+        self.reaction
+    }
+
+    /// Lets the ring slide for `duration_s` on a tray that is now as fast as `tray`.
+    pub(super) fn follow(&mut self, tray: &Vector3<f64>, duration_s: f64, parameters: &MotorParameters) {
+        let MotorParameters { sliding_mass_kg, sliding_radius_m, sliding_friction, sliding_block_s, .. } = *parameters;
+        if sliding_mass_kg == 0.0 {
+            return;
+        }
+        // Friction changes the speed by so much at most, and never beyond the tray's.
+        let change_m_s = sliding_friction * STANDARD_GRAVITY_M_S2 * duration_s;
+        let slip_m_s = self.velocity_m_s - tray.xy();
+        let dragged_m_s = slip_m_s * (change_m_s / slip_m_s.norm().max(change_m_s));
+        self.velocity_m_s -= dragged_m_s;
+        let slip_rad_s = self.turn_rad_s - tray.z;
+        let dragged_rad_s = slip_rad_s.clamp(-change_m_s / sliding_radius_m, change_m_s / sliding_radius_m);
+        self.turn_rad_s -= dragged_rad_s;
+        let turned = sliding_radius_m * sliding_radius_m * dragged_rad_s;
+        self.impulse += Wrench::new(dragged_m_s.x, dragged_m_s.y, turned) * sliding_mass_kg;
+        self.elapsed_s += duration_s;
+        if self.elapsed_s >= sliding_block_s {
+            self.reaction = self.impulse / self.elapsed_s;
+            (self.impulse, self.elapsed_s) = (Wrench::zeros(), 0.0);
+        }
+    }
+}

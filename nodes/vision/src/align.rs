@@ -1,0 +1,306 @@
+//! Lays a template over a frame, to a fraction of a pixel.
+
+use nalgebra::{Matrix3, Point2, Rotation2, Vector2, Vector3};
+
+use super::segment::{RELATIVE_UNITS, Segmentation};
+use super::sought::{BARE_BRIGHT_SIGMA, BARE_DARK_SIGMA, CoarsePoint, Sought, Turn, gradient};
+use super::template::{Aspect, period_rad};
+use super::view::View;
+use feeder_model::camera::single;
+
+/// A texel that misses by more standard deviations counts no more than this many.
+const MISS_SIGMAS_MAX: f32 = 4.0;
+/// Points compared at a glance.
+const GLANCE_POINTS: usize = 32;
+/// Steps of the fit at most.
+const STEPS_MAX: usize = 8;
+/// A step of a rough fit that leaves more of the miss than this is the last.
+const STALLED_RATIO: f32 = 0.97;
+/// How far the fit may lead from where it began, px, and by what share of a turn.
+const DRIFT_PX_MAX: f64 = 3.0;
+const DRIFT_RAD_MAX: f64 = 0.4;
+/// Share of the template that must be seen.
+const SEEN_MIN: f32 = 0.6;
+/// Share of the normal matrix's diagonal added to it, so that what nothing tells about stays as it is.
+const DAMPING: f64 = 1e-3;
+
+/// Where and how a part may lie.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Fit {
+    /// Place in the tray frame.
+    pub centre: Point2<f64>,
+    /// Yaw in the tray frame, rad.
+    pub yaw_rad: f64,
+    /// Mean square miss in standard deviations, capped per texel: at most about 1 where the template holds.
+    pub cost: f32,
+    /// Logarithm of how much likelier the part makes what is seen than bare floor in some shade does, summed over texels.
+    pub evidence: f32,
+}
+
+/// How likely a level is on bare floor: for bright and for dark ones one over the standard deviation, and the logarithm of
+/// that.
+#[derive(Clone, Copy)]
+struct Bare {
+    bright: (f32, f32),
+    dark: (f32, f32),
+}
+
+impl Bare {
+    fn new(noise: f32) -> Self {
+        let inverse = |sigma: f32| 1.0 / (sigma * sigma + noise).sqrt();
+        let with_log = |sigma: f32| (inverse(sigma), inverse(sigma).ln());
+        Self { bright: with_log(BARE_BRIGHT_SIGMA), dark: with_log(BARE_DARK_SIGMA) }
+    }
+
+    /// Logarithm of how much likelier a level is where a part misses it by `miss` of its standard deviations, capped, than on
+    /// bare floor.
+    fn outdone(self, level: f32, miss: f32, log_inverse_sigma: f32) -> f32 {
+        let (bare_inverse_sigma, bare_log) = if level < 0.0 { self.dark } else { self.bright };
+        let bare = (level * bare_inverse_sigma).clamp(-MISS_SIGMAS_MAX, MISS_SIGMAS_MAX);
+        0.5 * (bare * bare - miss * miss) + log_inverse_sigma - bare_log
+    }
+}
+
+/// About the mean square miss of a turned part at a pixel of the window, by its first points; infinitely much where it is more
+/// than `cost_max` or little is seen.
+pub(super) fn glance(frame: &Segmentation, turn: &Turn, column: usize, row: usize, cost_max: f32) -> f32 {
+    let points = &turn.points[..turn.points.len().min(GLANCE_POINTS)];
+    let enough = cost_max * points.len() as f32;
+    let (mut sum, mut seen) = (0.0, 0.0_f32);
+    for point in points {
+        let Some((level, index)) = at_pixel(frame, point, column, row) else {
+            continue;
+        };
+        sum += miss(frame, point, level, index).powi(2);
+        seen += 1.0;
+        if sum > enough {
+            return f32::INFINITY;
+        }
+    }
+    if seen < SEEN_MIN * points.len() as f32 { f32::INFINITY } else { sum / seen }
+}
+
+/// Relative brightness at a point of a part whose centre is at a pixel of the window, and the index of the pixel
+/// there; `None` off the plateau.
+#[inline]
+fn at_pixel(frame: &Segmentation, point: &CoarsePoint, column: usize, row: usize) -> Option<(f32, usize)> {
+    let place = column.checked_add_signed(point.column).zip(row.checked_add_signed(point.row));
+    let (column, row) = place.filter(|(column, row)| *column < frame.window.width && *row < frame.window.height)?;
+    let index = row * frame.window.width + column;
+    (frame.bins[index] != 0).then(|| (f32::from(frame.relative[index]) * (1.0 / RELATIVE_UNITS), index))
+}
+
+/// By how many standard deviations a level misses a point, capped.
+#[inline]
+fn miss(frame: &Segmentation, point: &CoarsePoint, level: f32, index: usize) -> f32 {
+    let value = point.value + point.wall_shade * frame.wall_shade(index);
+    ((level - value) * point.inverse_sigma).clamp(-MISS_SIGMAS_MAX, MISS_SIGMAS_MAX)
+}
+
+/// Mean square miss of a turned part at a pixel of the window and its evidence as in [`Fit`]; infinitely bad where too
+/// little of it is seen, or where the first points miss by more than `cost_max`.
+pub(super) fn coarse(frame: &Segmentation, turn: &Turn, column: usize, row: usize, cost_max: f32) -> (f32, f32) {
+    const FIRST: u16 = 24;
+    let bare = Bare::new(frame.sigma * frame.sigma);
+    let (mut sum, mut evidence, mut seen) = (0.0, 0.0, 0_u16);
+    for point in &turn.points {
+        let Some((level, index)) = at_pixel(frame, point, column, row) else {
+            continue;
+        };
+        let miss = miss(frame, point, level, index);
+        sum += miss * miss;
+        evidence += bare.outdone(level - frame.wall_shade(index), miss, point.log_inverse_sigma);
+        seen += 1;
+        if seen == FIRST && sum > cost_max * f32::from(FIRST) {
+            return (f32::INFINITY, f32::NEG_INFINITY);
+        }
+    }
+    let seen = f32::from(seen);
+    if seen < SEEN_MIN * turn.points.len() as f32 {
+        (f32::INFINITY, f32::NEG_INFINITY)
+    } else {
+        (sum / seen, evidence * turn.point_weight)
+    }
+}
+
+/// The owner of what lies off the plateau.
+pub(super) const NO_PART: u16 = u16::MAX;
+
+/// What of the frame belongs to other parts already.
+pub(super) struct Owners<'a> {
+    /// The owner of each pixel of the window: a part counted from 1, [`NO_PART`] off the plateau, 0 for none.
+    pub of: &'a [u16],
+    /// Who asks.
+    pub own: u16,
+    /// Scatter of what lies beside the part, relative to the plateau's brightness.
+    pub beside_sigma: f32,
+}
+
+impl Owners<'_> {
+    fn taken(&self, index: usize) -> bool {
+        let owner = self.of[index];
+        owner != 0 && owner != self.own
+    }
+}
+
+/// How finely a template is laid over a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Fineness {
+    /// To tell whether it is worth a closer look: by a share of the texels, between pixels by straight lines.
+    Rough,
+    /// As well as can be.
+    Full,
+}
+
+impl Fineness {
+    /// Every so many texels count.
+    fn stride(self) -> usize {
+        match self {
+            Self::Rough => 4,
+            Self::Full => 1,
+        }
+    }
+
+    /// The step below which the fit is done, px.
+    fn step_px_min(self) -> f64 {
+        match self {
+            Self::Rough => 0.2,
+            Self::Full => 0.03,
+        }
+    }
+}
+
+/// A texel of the template as the fit uses it.
+struct Probe {
+    /// Place in the part's directions, m.
+    place: Vector2<f64>,
+    value: f32,
+    /// How that changes with the yaw, 1/rad.
+    turned: f32,
+    /// Share of the walls' shade that lies on it.
+    wall_shade: f32,
+    inverse_sigma: f32,
+    log_inverse_sigma: f32,
+    /// How the miss grows with a shift along x and y (1/m) and with a turn (1/rad), over sigma.
+    slope: Vector3<f64>,
+}
+
+/// Fits a pose to a frame from a first guess: Gauss–Newton on place and yaw, the template's gradient taken at the guess
+/// (the inverse compositional form of Lucas and Kanade: Baker and Matthews 2004, "Lucas-Kanade 20 years on"). Shading turns
+/// against the part as the part turns, so that the template is a function of the yaw. `None` if it leads astray or too little
+/// is seen.
+pub(super) fn refine(
+    frame: &Segmentation,
+    view: &View,
+    sought: &Sought,
+    start: Fit,
+    owners: &Owners,
+    fineness: Fineness,
+) -> Option<Fit> {
+    let turns = sought.template.yaw_symmetry != 0;
+    let tray_yaw_rad = view.platen_from_tray.rotation.angle();
+    let slant = view.slant(start.centre, sought.plane_m);
+    // Yaws that look the same count as one.
+    let period_rad = period_rad(sought.template.yaw_symmetry);
+    let on_platen_rad = start.yaw_rad + tray_yaw_rad;
+    let folded_rad = if turns { on_platen_rad.rem_euclid(period_rad) } else { 0.0 };
+    let start = Fit { yaw_rad: folded_rad - tray_yaw_rad, ..start };
+    let aspect = Aspect { yaw_rad: folded_rad, slant };
+    let picture = sought.template.picture(&aspect);
+    let picture_change = turns.then(|| sought.template.picture_change(&aspect));
+    let texels_per_m = 1.0 / sought.template.texel_m;
+    let noise = frame.sigma * frame.sigma;
+    let bare = Bare::new(noise);
+    let probes: Vec<Probe> = sought
+        .texels
+        .iter()
+        .step_by(fineness.stride())
+        .map(|index| {
+            let place = sought.template.place_m(*index);
+            let (along_x, along_y) = gradient(&picture, sought.template.side(), *index);
+            let inverse_sigma = 1.0 / (sought.variance(*index, owners.beside_sigma) + noise).sqrt();
+            let scale = f64::from(inverse_sigma) * texels_per_m;
+            let (x, y) = (f64::from(along_x) * scale, f64::from(along_y) * scale);
+            let turned = picture_change.as_ref().map_or(0.0, |change| change[*index]);
+            let shading = f64::from(turned * inverse_sigma);
+            let turning = if turns { y * place.x - x * place.y - shading } else { 0.0 };
+            Probe {
+                place,
+                value: picture[*index],
+                turned,
+                wall_shade: sought.template.wall_shade.values()[*index],
+                inverse_sigma,
+                log_inverse_sigma: inverse_sigma.ln(),
+                slope: Vector3::new(x, y, turning),
+            }
+        })
+        .collect();
+    let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
+    let px_from_tray = view.px_from_tray(start.centre, sought.plane_m)?;
+    let mut fit = start;
+    let mut normal = None;
+    let mut cost_before = f32::INFINITY;
+    for step in 0..=STEPS_MAX {
+        let pixel = view.pixel(fit.centre, sought.plane_m)? - corner;
+        let px_from_part = (px_from_tray * Rotation2::new(fit.yaw_rad).matrix()).map(single);
+        let pixel = pixel.map(single);
+        let turned_rad = single(fit.yaw_rad - start.yaw_rad);
+        let (mut target, mut sum, mut evidence, mut seen) = (Vector3::zeros(), 0.0_f32, 0.0_f32, 0_u16);
+        let mut matrix = Matrix3::zeros();
+        for probe in &probes {
+            let place = pixel + px_from_part * probe.place.map(single);
+            let level_at = match fineness {
+                Fineness::Rough => frame.relative_near(place.x, place.y),
+                Fineness::Full => frame.relative_at(place.x, place.y),
+            };
+            let Some((level, index)) = level_at else {
+                continue;
+            };
+            if owners.taken(index) {
+                continue;
+            }
+            let level = level * (1.0 / RELATIVE_UNITS);
+            let shade = frame.wall_shade(index);
+            let value = probe.value + probe.turned * turned_rad + probe.wall_shade * shade;
+            let miss = (level - value) * probe.inverse_sigma;
+            let miss = miss.clamp(-MISS_SIGMAS_MAX, MISS_SIGMAS_MAX);
+            evidence += bare.outdone(level - shade, miss, probe.log_inverse_sigma);
+            sum += miss * miss;
+            seen += 1;
+            target += probe.slope * f64::from(miss);
+            if normal.is_none() {
+                matrix += probe.slope * probe.slope.transpose();
+            }
+        }
+        let seen = f32::from(seen);
+        if seen < SEEN_MIN * probes.len() as f32 {
+            return None;
+        }
+        fit.cost = sum / seen;
+        fit.evidence = evidence * sought.texel_weight * fineness.stride() as f32;
+        if step == STEPS_MAX || (fineness == Fineness::Rough && fit.cost > STALLED_RATIO * cost_before) {
+            break;
+        }
+        cost_before = fit.cost;
+        let factors = match normal {
+            Some(factors) => factors,
+            None => {
+                let scale = Vector3::new(matrix[(0, 0)], matrix[(1, 1)], matrix[(2, 2)].max(1.0)) * DAMPING;
+                *normal.insert((matrix + Matrix3::from_diagonal(&scale)).cholesky()?)
+            }
+        };
+        let change = factors.solve(&target);
+        // The template moves by the inverse of what would bring it to the picture it shows.
+        fit.centre -= Rotation2::new(fit.yaw_rad) * change.xy();
+        fit.yaw_rad -= change.z;
+        let drift_px = (fit.centre - start.centre).norm() / sought.m_per_px;
+        if !(drift_px <= DRIFT_PX_MAX && (fit.yaw_rad - start.yaw_rad).abs() <= DRIFT_RAD_MAX) {
+            return None;
+        }
+        let rim_px = (change.xy().norm() + change.z.abs() * sought.radius_m) / sought.m_per_px;
+        if rim_px < fineness.step_px_min() {
+            break;
+        }
+    }
+    Some(fit)
+}

@@ -1,0 +1,193 @@
+//! Vision selector: from pictures to parts that may be picked.
+//!
+//! It works from the image, the camera's calibration, the tray's pose at the image's stamp, the tray's geometry and a
+//! model of the part learned from images ([`teach`]), and from nothing else. A frame passes five steps: `segment` parts the
+//! plateau from what lies on it; `search` finds places where rings of brightness are those of a taught pose, whatever the
+//! yaw, and of parts with a yaw where a glance at all yaws misses least; `align` tries yaws there and fits place and yaw to a fraction of a pixel; `detector` takes the best fits for parts
+//! until nothing is left to explain, so that touching parts come apart; `candidate` tells pose, confidence and room. `track`
+//! follows parts from frame to frame.
+
+mod align;
+mod blobs;
+mod candidate;
+mod config;
+mod decode;
+mod detector;
+mod hull;
+mod overlay;
+mod search;
+mod segment;
+mod sought;
+mod teach;
+mod template;
+mod track;
+mod view;
+
+use image::GrayImage;
+use nalgebra::{Isometry2, Point2};
+
+use detector::Detector;
+use feeder_model::camera::{CameraModel, InvalidValue, MountedTray, require, single};
+use track::Tracker;
+
+pub use candidate::Candidate;
+pub use config::SelectorConfig;
+pub use decode::{DecodeError, decode};
+pub use overlay::draw_overlay;
+pub use teach::{LaidPart, PoseSpec, TeachError, TeachFrame, TeachSpec, teach};
+pub use template::{PartModel, Plane, PoseTemplate};
+pub use track::{TrackedCandidate, TrackerConfig};
+
+/// Why a frame yields no candidates.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ImageFault {
+    /// The image is not the calibrated camera's.
+    #[error("the image has {found:?} px; the camera has {expected:?} px")]
+    WrongSize {
+        /// Width and height of the image.
+        found: (u32, u32),
+        /// Width and height of the camera's images.
+        expected: (u32, u32),
+    },
+    /// The tray stands where the camera does not see its plateau.
+    #[error("the camera does not see the plateau")]
+    PlateauOutOfView,
+    /// The plateau is black.
+    #[error("the plateau is black: the image is blank or under-exposed")]
+    UnderExposed,
+    /// The plateau is white.
+    #[error("the plateau is white: the image is over-exposed")]
+    OverExposed,
+    /// Nothing looks like an evenly lit plateau.
+    #[error("no evenly lit plateau is to be seen")]
+    NoBackground,
+}
+
+/// Selects parts from a stream of frames.
+#[derive(Clone, Debug)]
+pub struct Selector {
+    config: SelectorConfig,
+    detector: Detector,
+    tracker: Tracker,
+}
+
+impl Selector {
+    /// A selector for this camera over this tray, taught this part.
+    ///
+    /// # Errors
+    ///
+    /// [`InvalidValue`] naming what is out of range in configuration, tray or model, a wanted pose never taught, or a
+    /// camera not above the tray.
+    pub fn new(
+        config: SelectorConfig,
+        camera: &CameraModel,
+        tray: &MountedTray,
+        model: &PartModel,
+    ) -> Result<Self, InvalidValue> {
+        Self::check(&config, camera, tray, model)?;
+        let symmetries = model.poses.iter().map(|pose| pose.yaw_symmetry).collect();
+        let tracker = Tracker::new(config.tracker, symmetries);
+        Ok(Self { config, detector: Detector::new(camera, tray, model), tracker })
+    }
+
+    /// Checks what a selector is made of.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::new`].
+    pub fn check(
+        config: &SelectorConfig,
+        camera: &CameraModel,
+        tray: &MountedTray,
+        model: &PartModel,
+    ) -> Result<(), InvalidValue> {
+        config.validate()?;
+        tray.validate()?;
+        model.validate()?;
+        require_above(camera, tray)?;
+        for pose in &config.wanted_poses {
+            let taught = *pose < model.poses.len();
+            require(taught, "selector.wanted_poses", *pose as f64, "poses the part model was taught")?;
+        }
+        Ok(())
+    }
+
+    /// Looks at a frame taken at `stamp_s` with the tray at `platen_from_tray`; returns the parts it shows, tracked, in
+    /// the order of their identities.
+    ///
+    /// # Errors
+    ///
+    /// [`ImageFault`] if the frame shows no plateau to look at; what was tracked before is then coasting.
+    pub fn process(
+        &mut self,
+        stamp_s: f64,
+        image: &GrayImage,
+        platen_from_tray: &Isometry2<f64>,
+    ) -> Result<Vec<TrackedCandidate>, ImageFault> {
+        let candidates = self.detect(image, platen_from_tray);
+        let seen = candidates.as_ref().map_or(&[][..], Vec::as_slice);
+        let mut tracked = self.tracker.update(stamp_s, seen);
+        candidates?;
+        for part in &mut tracked {
+            part.selectable = self.is_selectable(part);
+        }
+        Ok(tracked)
+    }
+
+    /// The parts a single frame shows, the surest match first.
+    ///
+    /// # Errors
+    ///
+    /// [`ImageFault`] as for [`Self::process`].
+    pub fn detect(
+        &mut self,
+        image: &GrayImage,
+        platen_from_tray: &Isometry2<f64>,
+    ) -> Result<Vec<Candidate>, ImageFault> {
+        let SelectorConfig { contrast_min_levels, miss_max, .. } = self.config;
+        let found = self.detector.find(image, platen_from_tray, contrast_min_levels, single(miss_max))?;
+        let view = self.detector.view(platen_from_tray);
+        Ok(candidate::judge(&self.detector, &view, &self.config, &found))
+    }
+
+    /// Convex outline of a part as the selector sees it, tray frame, m.
+    #[must_use]
+    pub fn outline(&self, candidate: &Candidate) -> Vec<Point2<f64>> {
+        self.detector.outline(candidate.likeness, candidate.centre(), candidate.yaw_rad.unwrap_or(0.0))
+    }
+
+    /// Length along the part's own x and y of what the selector sees it reach, and its height, m.
+    #[must_use]
+    pub fn size_m(&self, candidate: &Candidate) -> [f64; 3] {
+        let Some(sought) = self.detector.sought.get(candidate.likeness) else {
+            return [0.0; 3];
+        };
+        let reach = |axis: usize| sought.outline_m.iter().map(|corner| corner[axis].abs()).fold(0.0, f64::max);
+        [2.0 * reach(0), 2.0 * reach(1), sought.template.height_m]
+    }
+
+    /// Whether a single frame shows this candidate sure and free enough to be picked.
+    #[must_use]
+    pub fn admits(&self, candidate: &Candidate) -> bool {
+        candidate.on_plateau
+            && candidate.confidence >= self.config.confidence_min
+            && candidate.pose.is_some_and(|pose| self.config.wanted_poses.contains(&pose))
+            && candidate.part_gap_m >= self.config.part_clearance_m
+            && candidate.wall_gap_m >= self.config.wall_clearance_m
+    }
+
+    fn is_selectable(&self, part: &TrackedCandidate) -> bool {
+        let over_frames = Candidate { pose: part.pose, confidence: part.confidence, ..part.candidate };
+        part.candidate.pose == part.pose && self.admits(&over_frames)
+    }
+}
+
+/// A camera must hang at least twice as high as the tray's walls stand.
+fn require_above(camera: &CameraModel, tray: &MountedTray) -> Result<(), InvalidValue> {
+    let height_m = camera.pose().height_m;
+    let above = height_m >= 2.0 * tray.wall_top_m();
+    require(above, "camera.pose.height_m", height_m, "at least twice the height of the tray's walls")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,377 @@
+//! The selector against rendered scenes whose truth is known.
+
+use std::f64::consts::TAU;
+use std::sync::LazyLock;
+
+use image::{GrayImage, Luma};
+use nalgebra::Vector2;
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+use super::*;
+use feeder_model::camera::{CameraPose, CameraSpec, Distortion};
+use feeder_model::part::PartType;
+use feeder_model::tray::TrayGeometry;
+use feeder_scenario::PartSource;
+use feeder_sim::camera::{LightModel, PartSolid, PartView, Renderer, Scene, SensorModel, TrayAppearance, TrayShot};
+
+mod accuracy;
+
+/// Radius of the grommet's flange, m.
+const RADIUS_M: f64 = 0.002_5;
+
+static GROMMET: LazyLock<PartType> = LazyLock::new(|| catalogue("grommet"));
+
+fn catalogue(name: &str) -> PartType {
+    PartSource::Name(name.to_owned()).part_type().unwrap()
+}
+
+fn scene(part: &PartType, noise_sigma_levels: f64) -> Scene {
+    Scene {
+        camera: CameraModel::new(CameraSpec {
+            width_px: 640,
+            height_px: 480,
+            focal_length_px: Some((0.6 - 0.07) / 0.000_4),
+            platen_m_per_px: None,
+            principal_point_px: None,
+            distortion: Distortion { k1: -0.05, p1: 0.000_5, ..Distortion::default() },
+            pose: CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 },
+        })
+        .unwrap(),
+        tray: MountedTray::new(TrayGeometry::PAPER),
+        tray_appearance: TrayAppearance::default(),
+        part: PartSolid::new(part.mesh.clone(), &part.poses),
+        light: LightModel::default(),
+        sensor: SensorModel { noise_sigma_levels, ..SensorModel::default() },
+    }
+}
+
+fn at(radius_m: f64, psi_rad: f64, pose: usize) -> LaidPart {
+    LaidPart { pose, place: Point2::new(radius_m * psi_rad.cos(), radius_m * psi_rad.sin()), yaw_rad: 0.0 }
+}
+
+fn over_camera() -> Isometry2<f64> {
+    Isometry2::new(Vector2::new(0.3, 0.34), 0.0)
+}
+
+fn shoot(renderer: &Renderer, pose: &Isometry2<f64>, parts: &[LaidPart], noise: &mut Pcg64Mcg) -> GrayImage {
+    let view = |part: &LaidPart| PartView {
+        x_m: part.place.x,
+        y_m: part.place.y,
+        z_m: TrayGeometry::PAPER.height_m(part.place.y.atan2(part.place.x)),
+        yaw_rad: part.yaw_rad,
+        pose: part.pose,
+        ..PartView::default()
+    };
+    let views: Vec<PartView> = parts.iter().map(view).collect();
+    let mut image = GrayImage::default();
+    renderer.render(&TrayShot::still(*pose), &views, noise, &mut image).unwrap();
+    image
+}
+
+/// A picture of grommets with little noise and the tray under the camera.
+fn simple_picture(parts: &[LaidPart]) -> GrayImage {
+    shoot(&Renderer::new(&scene(&GROMMET, 2.0)).unwrap(), &over_camera(), parts, &mut Pcg64Mcg::seed_from_u64(11))
+}
+
+/// Parts strewn over the plateau, `apart_m` from centre to centre at least.
+fn strewn(part: &PartType, pose: Option<usize>, count: usize, apart_m: f64, random: &mut Pcg64Mcg) -> Vec<LaidPart> {
+    let reach_m = part.outline_radius_m();
+    let tray = MountedTray::new(TrayGeometry::PAPER);
+    let mut parts: Vec<LaidPart> = Vec::new();
+    for _ in 0..2_000 {
+        let radius_m = random.random_range(0.030 + reach_m..0.090 - reach_m);
+        let laid = LaidPart {
+            yaw_rad: random.random_range(0.0..TAU),
+            ..at(
+                radius_m,
+                random.random_range(-TAU / 2.0..0.0),
+                pose.unwrap_or(random.random_range(0..part.poses.len())),
+            )
+        };
+        let free = parts.iter().all(|other| (other.place - laid.place).norm() >= apart_m);
+        if parts.len() < count && free && tray.inside_sector_m(laid.place) > reach_m {
+            parts.push(laid);
+        }
+    }
+    parts
+}
+
+fn drawing(part: &PartType) -> TeachSpec {
+    let pose = |pose: &feeder_model::geometry::StablePose| PoseSpec {
+        height_m: pose.height_m,
+        outline_m: pose.outline.corners_m.clone(),
+        yaw_symmetry: pose.yaw_symmetry,
+    };
+    TeachSpec { poses: part.poses.iter().map(pose).collect(), contrast_min_levels: 10.0 }
+}
+
+fn taught(part: &PartType) -> PartModel {
+    let scene = scene(part, 2.0);
+    let renderer = Renderer::new(&scene).unwrap();
+    let mut random = Pcg64Mcg::seed_from_u64(42);
+    let mut lessons: Vec<Vec<LaidPart>> = vec![Vec::new(); 6];
+    for pose in 0..part.poses.len() {
+        let apart_m = 2.0 * part.outline_radius_m() + 0.004;
+        lessons.extend((0..16).map(|_| strewn(part, Some(pose), 9, apart_m, &mut random)));
+    }
+    let images: Vec<GrayImage> =
+        lessons.iter().map(|parts| shoot(&renderer, &over_camera(), parts, &mut random)).collect();
+    let frames: Vec<TeachFrame> = images
+        .iter()
+        .zip(&lessons)
+        .map(|(image, parts)| TeachFrame { image, platen_from_tray: over_camera(), parts })
+        .collect();
+    teach(&frames, &scene.camera, &scene.tray, &drawing(part)).unwrap()
+}
+
+static MODEL: LazyLock<PartModel> = LazyLock::new(|| taught(&GROMMET));
+
+fn selector() -> Selector {
+    let scene = scene(&GROMMET, 2.0);
+    Selector::new(SelectorConfig::default(), &scene.camera, &scene.tray, &MODEL).unwrap()
+}
+
+#[test]
+fn a_blank_picture_stops_selection_and_a_good_one_resumes_it() {
+    let parts = [at(0.06, 4.0, 0), at(0.07, 5.0, 0)];
+    let (good, pose) = (simple_picture(&parts), over_camera());
+    let mut selector = selector();
+    let ids = |tracked: &[TrackedCandidate]| tracked.iter().map(|part| part.id).collect::<Vec<_>>();
+    let before = selector.process(0.0, &good, &pose).unwrap();
+    assert_eq!(before.len(), 2);
+    for (index, level) in [(1.0, 0_u8), (2.0, 255)] {
+        let blank = GrayImage::from_pixel(640, 480, Luma([level]));
+        let fault = selector.process(0.1 * index, &blank, &pose).unwrap_err();
+        assert_eq!(fault, if level == 0 { ImageFault::UnderExposed } else { ImageFault::OverExposed });
+    }
+    let after = selector.process(0.3, &good, &pose).unwrap();
+    assert_eq!(ids(&before), ids(&after));
+    // Uniform grey is an empty plateau as far as anyone can see.
+    let grey = GrayImage::from_pixel(640, 480, Luma([128]));
+    assert_eq!(selector.process(0.4, &grey, &pose), Ok(Vec::new()));
+}
+
+#[test]
+fn over_exposure_yields_no_candidates() {
+    let mut bright = scene(&GROMMET, 2.0);
+    bright.light.white_level = 2_000.0;
+    let renderer = Renderer::new(&bright).unwrap();
+    let image = shoot(&renderer, &over_camera(), &[at(0.06, 4.0, 0)], &mut Pcg64Mcg::seed_from_u64(1));
+    assert_eq!(selector().process(0.0, &image, &over_camera()), Err(ImageFault::OverExposed));
+}
+
+#[test]
+fn pictures_of_another_size_and_trays_out_of_view_are_faults() {
+    let mut selector = selector();
+    let small = GrayImage::new(320, 240);
+    assert!(matches!(selector.process(0.0, &small, &over_camera()), Err(ImageFault::WrongSize { .. })));
+    let image = simple_picture(&[]);
+    let away = Isometry2::new(Vector2::new(0.9, 0.3), 0.0);
+    assert_eq!(selector.process(0.1, &image, &away), Err(ImageFault::PlateauOutOfView));
+    let nowhere = Isometry2::new(Vector2::new(f64::NAN, 0.3), 0.0);
+    assert_eq!(selector.process(0.2, &image, &nowhere), Err(ImageFault::PlateauOutOfView));
+}
+
+/// The parts that candidates mean, each once.
+fn assert_seen(candidates: &[Candidate], parts: &[LaidPart]) {
+    assert_eq!(candidates.len(), parts.len(), "{candidates:?}");
+    for part in parts {
+        let seen = candidates.iter().find(|candidate| (candidate.centre() - part.place).norm() < 0.000_3).unwrap();
+        assert_eq!(seen.pose, Some(part.pose));
+    }
+}
+
+#[test]
+fn more_or_less_light_changes_nothing() {
+    let mut dim = scene(&GROMMET, 2.0);
+    dim.light = LightModel { white_level: 150.0, gradient_down_ratio: 0.0, ..LightModel::default() };
+    let renderer = Renderer::new(&dim).unwrap();
+    let parts: Vec<LaidPart> = (0..7_u32).map(|i| at(0.065, 3.5 + 0.4 * f64::from(i), (i % 2) as usize)).collect();
+    let image = shoot(&renderer, &over_camera(), &parts, &mut Pcg64Mcg::seed_from_u64(9));
+    assert_seen(&selector().detect(&image, &over_camera()).unwrap(), &parts);
+}
+
+#[test]
+fn touching_parts_are_told_apart_and_not_isolated() {
+    let middle = at(0.06, 4.5, 0);
+    let mut parts = vec![middle];
+    // On the lamp's side of the middle one, so that none lies in the shadow of two others.
+    for step in 1..3 {
+        let (sin, cos) = (f64::from(step) * std::f64::consts::FRAC_PI_3).sin_cos();
+        parts.push(LaidPart { pose: 1, place: middle.place + Vector2::new(cos, sin) * (2.0 * RADIUS_M), ..middle });
+    }
+    let candidates = selector().detect(&simple_picture(&parts), &over_camera()).unwrap();
+    assert_seen(&candidates, &parts);
+    assert!(candidates.iter().all(|candidate| candidate.part_gap_m < 0.000_4), "{candidates:?}");
+}
+
+#[test]
+fn a_thing_that_is_no_part_is_an_obstacle() {
+    let part = at(0.06, 4.5, 0);
+    let mut image = simple_picture(&[part]);
+    let mut selector = selector();
+    let free = selector.detect(&image, &over_camera()).unwrap()[0];
+    assert!(free.part_gap_m > 0.01 && selector.admits(&free));
+    // A dark bar, 5 mm wide, its near edge 1.5 mm beside the part: all the shade of a part may hide.
+    let scene = scene(&GROMMET, 2.0);
+    let view = view::View { camera: &scene.camera, tray: &scene.tray, platen_from_tray: over_camera() };
+    for (along, across) in (0..20).flat_map(|along| (0..25).map(move |across| (along, across))) {
+        let (along_m, across_m) = (f64::from(along) * 0.000_2, f64::from(across) * 0.000_2);
+        let point = part.place + Vector2::new(RADIUS_M + 0.001_5 + across_m, along_m);
+        let pixel = view.pixel(point, scene.tray.plateau_height_m()).unwrap();
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the image")]
+        image.put_pixel(pixel.x.round() as u32, pixel.y.round() as u32, Luma([20]));
+    }
+    let blocked = selector.detect(&image, &over_camera()).unwrap();
+    let blocked = blocked.iter().find(|candidate| (candidate.centre() - part.place).norm() < 0.000_3).unwrap();
+    assert!(blocked.part_gap_m < 0.001_5 && !selector.admits(blocked), "{}", blocked.part_gap_m);
+}
+
+#[test]
+fn only_what_lies_wholly_on_the_plateau_is_on_it() {
+    let parts = [at(0.06, 4.5, 0), at(0.06, TAU - 0.02, 0), at(0.06, std::f64::consts::PI + 0.02, 0), at(0.06, 1.0, 0)];
+    let candidates = selector().detect(&simple_picture(&parts), &over_camera()).unwrap();
+    let on: Vec<_> = candidates.iter().filter(|candidate| candidate.on_plateau).collect();
+    assert_eq!(on.len(), 1);
+    assert!((on[0].centre() - parts[0].place).norm() < 0.000_3);
+}
+
+#[test]
+fn gaps_to_walls_are_measured() {
+    let parts = [at(0.090 - RADIUS_M, 4.2, 0), at(0.030 + RADIUS_M, 5.2, 0), at(0.06, 4.7, 0)];
+    let candidates = selector().detect(&simple_picture(&parts), &over_camera()).unwrap();
+    assert_seen(&candidates, &parts);
+    for candidate in candidates {
+        let truth = parts.iter().find(|part| (part.place - candidate.centre()).norm() < 0.000_4).unwrap();
+        let radius_m = truth.place.coords.norm();
+        let gap_m = (0.090 - radius_m).min(radius_m - 0.030) - RADIUS_M;
+        assert!((candidate.wall_gap_m - gap_m).abs() < 0.000_3);
+        assert!(candidate.isolation_m() <= candidate.wall_gap_m);
+    }
+}
+
+#[test]
+fn selection_asks_for_pose_confidence_and_room() {
+    let parts = [at(0.06, 4.0, 0), at(0.06, 4.6, 1), at(0.06, 5.2, 0), at(0.06, 5.2 + 0.0055 / 0.06, 1)];
+    let image = simple_picture(&parts);
+    let mut selector = selector();
+    let tracked =
+        (0..4).map(|frame| selector.process(0.1 * f64::from(frame), &image, &over_camera()).unwrap()).last().unwrap();
+    assert_eq!(tracked.len(), 4);
+    let selectable: Vec<_> = tracked.iter().filter(|part| part.selectable).collect();
+    assert_eq!(selectable.len(), 1);
+    assert!((selectable[0].position_m - parts[0].place).norm() < 0.000_3);
+    let overlay = draw_overlay(&image, &tracked, &selector, &over_camera());
+    let green = overlay.pixels().filter(|pixel| pixel.0[1] > 200 && pixel.0[0] < 100).count();
+    assert!(green > 20, "the part that may be picked is outlined in green: {green} px");
+}
+
+#[test]
+fn parts_keep_their_identity_and_their_motion_is_foreseen() {
+    let renderer = Renderer::new(&scene(&GROMMET, 2.0)).unwrap();
+    let mut noise = Pcg64Mcg::seed_from_u64(3);
+    let mut selector = selector();
+    let place = |frame: i32, lane: i32| {
+        at(0.05 + 0.015 * f64::from(lane), 4.0 + 0.5 * f64::from(lane) + 0.015 * f64::from(frame), 0)
+    };
+    let mut last = Vec::new();
+    for frame in 0..15 {
+        let parts: Vec<LaidPart> = (0..3).map(|lane| place(frame, lane)).collect();
+        let image = shoot(&renderer, &over_camera(), &parts, &mut noise);
+        let tracked = selector.process(0.1 * f64::from(frame), &image, &over_camera()).unwrap();
+        if frame > 0 {
+            let ids = |parts: &[TrackedCandidate]| parts.iter().map(|part| part.id).collect::<Vec<_>>();
+            assert_eq!(ids(&last), ids(&tracked));
+        }
+        last = tracked;
+    }
+    for part in &last {
+        let foreseen = part.predict(0.1 * 17.0);
+        let miss_m = (0..3).map(|lane| (place(17, lane).place - foreseen).norm()).fold(f64::INFINITY, f64::min);
+        assert!(miss_m < 0.000_5, "foreseen {} mm off", miss_m * 1e3);
+        assert_eq!(part.frames_seen, 15);
+    }
+}
+
+#[test]
+fn the_same_frames_give_the_same_selection_and_a_stored_model_does_too() {
+    let mut random = Pcg64Mcg::seed_from_u64(8);
+    let image = simple_picture(&strewn(&GROMMET, None, 60, 2.0 * RADIUS_M, &mut random));
+    let run = |model: &PartModel| {
+        let scene = scene(&GROMMET, 2.0);
+        let mut selector = Selector::new(SelectorConfig::default(), &scene.camera, &scene.tray, model).unwrap();
+        (0..3)
+            .map(|frame| selector.process(0.1 * f64::from(frame), &image, &over_camera()).unwrap())
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(run(&MODEL), run(&MODEL));
+    let stored = serde_json::to_string(&*MODEL).unwrap();
+    let read: PartModel = serde_json::from_str(&stored).unwrap();
+    let poses = |seen: &[Vec<TrackedCandidate>]| seen[2].iter().map(|part| part.pose).collect::<Vec<_>>();
+    assert_eq!(poses(&run(&read)), poses(&run(&MODEL)));
+}
+
+#[test]
+fn teaching_refuses_poses_that_look_the_same_or_are_not_shown() {
+    let scene = scene(&GROMMET, 2.0);
+    let renderer = Renderer::new(&scene).unwrap();
+    let mut random = Pcg64Mcg::seed_from_u64(1);
+    let bare = shoot(&renderer, &over_camera(), &[], &mut random);
+    let bare = TeachFrame { image: &bare, platen_from_tray: over_camera(), parts: &[] };
+    let spec = drawing(&GROMMET);
+    let taught = |frames: &[TeachFrame], spec: &TeachSpec| teach(frames, &scene.camera, &scene.tray, spec);
+    assert!(matches!(taught(&[], &spec), Err(TeachError::NoBarePlateau)));
+    assert!(matches!(taught(&[bare], &spec), Err(TeachError::TooFew { pose: 0, shown: 0 })));
+    // Parts that all lie in one pose, half of them said to lie in another.
+    let parts = strewn(&GROMMET, Some(0), 40, 0.009, &mut random);
+    let image = shoot(&renderer, &over_camera(), &parts, &mut random);
+    let said: Vec<LaidPart> = parts.iter().enumerate().map(|(i, part)| LaidPart { pose: i % 2, ..*part }).collect();
+    let lied = TeachFrame { image: &image, platen_from_tray: over_camera(), parts: &said };
+    assert!(matches!(taught(&[bare, lied], &spec), Err(TeachError::NotRecognised { .. })));
+    let mut nonsense = drawing(&GROMMET);
+    nonsense.poses[0].height_m = f64::NAN;
+    assert!(matches!(taught(&[bare], &nonsense), Err(TeachError::Value(_))));
+    let black = GrayImage::new(640, 480);
+    let black = TeachFrame { image: &black, ..bare };
+    assert!(matches!(taught(&[black], &spec), Err(TeachError::Frame { index: 0, source: ImageFault::UnderExposed })));
+}
+
+#[test]
+fn bad_configurations_are_refused_by_name() {
+    let scene = scene(&GROMMET, 2.0);
+    let refused = |config: SelectorConfig, model: PartModel| {
+        Selector::new(config, &scene.camera, &scene.tray, &model).unwrap_err().field
+    };
+    let config = SelectorConfig::default;
+    let model = || MODEL.clone();
+    assert_eq!(refused(SelectorConfig { wanted_poses: vec![2], ..config() }, model()), "selector.wanted_poses");
+    assert_eq!(refused(SelectorConfig { confidence_min: 2.0, ..config() }, model()), "selector.confidence_min");
+    let tracker = TrackerConfig { memory: 1.0, ..TrackerConfig::default() };
+    assert_eq!(refused(SelectorConfig { tracker, ..config() }, model()), "selector.tracker.memory");
+    assert_eq!(refused(config(), PartModel { poses: Vec::new(), ..model() }), "part_model.poses");
+    assert_eq!(refused(config(), PartModel { hub_level: 0.0, ..model() }), "part_model.hub_level");
+    let damaged = serde_json::to_string(&*MODEL).unwrap().replacen("7f", "zz", 1);
+    assert!(serde_json::from_str::<PartModel>(&damaged).unwrap_err().to_string().contains("hexadecimal"));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn no_picture_and_no_pose_makes_the_selector_panic(
+        seed in any::<u64>(), x_m in 0.1..0.5, y_m in 0.1..0.5, yaw_rad in -3.2..3.2, levels in 1_u8..255, block in 1_u32..40,
+    ) {
+        let mut generator = Pcg64Mcg::seed_from_u64(seed);
+        let table: Vec<u8> = (0..4096).map(|_| generator.random_range(0..=levels)).collect();
+        let image = GrayImage::from_fn(640, 480, |x, y| Luma([table[((x / block) * 61 + (y / block)) as usize % table.len()]]));
+        let pose = Isometry2::new(Vector2::new(x_m, y_m), yaw_rad);
+        if let Ok(candidates) = selector().process(0.0, &image, &pose) {
+            for part in candidates {
+                prop_assert!(part.confidence.is_finite() && (0.0..=1.0).contains(&part.confidence));
+                prop_assert!(part.position_m.coords.iter().all(|x| x.is_finite()));
+            }
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! Accuracy over many random scenes, through JPEG as in the running system.
+
+use super::*;
+use crate::detector::yaw_difference_rad;
+use feeder_sim::camera::codec;
+
+/// What a run over many scenes came to.
+#[derive(Default)]
+struct Score {
+    plateau_parts: u32,
+    found: u32,
+    selected: u32,
+    wrong: u32,
+    isolated_right: u32,
+    isolated_right_selected: u32,
+    errors_m: Vec<f64>,
+    yaw_errors_rad: Vec<f64>,
+}
+
+fn score(part: &PartType, sigma: f64, part_count: usize, apart_m: f64, frames: u32) -> Score {
+    let scene = scene(part, sigma);
+    let renderer = Renderer::new(&scene).unwrap();
+    let config = SelectorConfig { wanted_poses: part.wanted_poses.clone(), ..SelectorConfig::default() };
+    let mut selector = Selector::new(config, &scene.camera, &scene.tray, &taught(part)).unwrap();
+    let mut random = Pcg64Mcg::seed_from_u64(7);
+    let mut score = Score::default();
+    for _ in 0..frames {
+        let parts = strewn(part, None, part_count, apart_m, &mut random);
+        let image = shoot(&renderer, &over_camera(), &parts, &mut random);
+        let bytes = codec::encode(&image, codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX).unwrap();
+        let candidates = selector.detect(&crate::decode(&bytes).unwrap(), &over_camera()).unwrap();
+        let near = |laid: &LaidPart, candidate: &Candidate| {
+            (candidate.centre() - laid.place).norm() < part.outline_radius_m() / 2.0
+        };
+        for candidate in candidates.iter().filter(|candidate| selector.admits(candidate)) {
+            let truth = parts.iter().find(|laid| near(laid, candidate));
+            score.selected += 1;
+            score.wrong += u32::from(truth.is_none_or(|laid| candidate.pose != Some(laid.pose)));
+        }
+        for laid in &parts {
+            score.plateau_parts += 1;
+            let others = parts.iter().map(|other| (other.place - laid.place).norm()).filter(|d| *d > 0.0);
+            let isolated = others.fold(f64::INFINITY, f64::min) - 2.0 * part.outline_radius_m() >= 0.001_25;
+            let right = part.wanted_poses.contains(&laid.pose);
+            let found = candidates.iter().find(|candidate| near(laid, candidate));
+            score.isolated_right += u32::from(isolated && right);
+            let Some(candidate) = found else { continue };
+            score.found += 1;
+            if isolated && right && selector.admits(candidate) {
+                score.isolated_right_selected += 1;
+                score.errors_m.push((candidate.centre() - laid.place).norm());
+                let symmetry = part.poses[laid.pose].yaw_symmetry;
+                score
+                    .yaw_errors_rad
+                    .extend(candidate.yaw_rad.map(|yaw_rad| yaw_difference_rad(yaw_rad, laid.yaw_rad, symmetry).abs()));
+            }
+        }
+    }
+    score
+}
+
+fn p95(mut errors: Vec<f64>) -> f64 {
+    errors.sort_by(f64::total_cmp);
+    errors.get(errors.len() * 95 / 100).copied().unwrap_or(0.0)
+}
+
+impl Score {
+    /// The demands of the project.
+    fn require(self) {
+        let share = |part: u32, whole: u32| f64::from(part) / f64::from(whole);
+        assert!(self.plateau_parts > 300 && self.isolated_right > 60, "too few parts to judge by");
+        assert_eq!(self.wrong, 0, "of {} selected", self.selected);
+        let recall = share(self.isolated_right_selected, self.isolated_right);
+        assert!(recall >= 0.98, "recall of isolated right parts {recall}");
+        assert!(share(self.found, self.plateau_parts) >= 0.97, "{} of {}", self.found, self.plateau_parts);
+        let (error_m, yaw_rad) = (p95(self.errors_m), p95(self.yaw_errors_rad));
+        assert!(error_m <= 0.000_2, "95 % of positions within {} mm", error_m * 1e3);
+        assert!(yaw_rad <= 2_f64.to_radians(), "95 % of yaws within {}°", yaw_rad.to_degrees());
+    }
+}
+
+#[test]
+fn val_accuracy_at_usual_noise() {
+    score(&GROMMET, 2.0, 50, 2.0 * RADIUS_M, 12).require();
+}
+
+#[test]
+fn val_accuracy_at_six_times_the_usual_noise() {
+    score(&GROMMET, 12.0, 50, 2.0 * RADIUS_M, 12).require();
+}
+
+#[test]
+fn val_accuracy_in_a_crowd() {
+    score(&GROMMET, 6.0, 200, 2.0 * RADIUS_M, 5).require();
+}

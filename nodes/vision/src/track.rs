@@ -1,0 +1,317 @@
+//! Follows parts from frame to frame in the tray frame.
+
+use nalgebra::{Matrix2, Point2, Vector2};
+use serde::{Deserialize, Serialize};
+
+use super::Candidate;
+use super::detector::yaw_difference_rad;
+use feeder_model::camera::{InvalidValue, require};
+
+/// How parts are followed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TrackerConfig {
+    /// A part this far from where it was expected is another part, m.
+    pub gate_m: f64,
+    /// Frames in a row a part may be missed before it is forgotten.
+    pub missed_max: u32,
+    /// What a frame's evidence for a pose still counts one frame later, 0 to below 1.
+    pub memory: f64,
+    /// Standard deviation of a measured place, m.
+    pub measurement_sigma_m: f64,
+    /// Standard deviation of the acceleration that parts undergo averaged over frames, m/s².
+    pub acceleration_sigma_m_s2: f64,
+    /// Standard deviation of the velocity of a part just seen first, m/s.
+    pub velocity_sigma_m_s: f64,
+    /// Standard deviation of a measured yaw, rad.
+    pub yaw_sigma_rad: f64,
+    /// Standard deviation of the angular acceleration that parts undergo averaged over frames, rad/s².
+    pub yaw_acceleration_sigma_rad_s2: f64,
+    /// Standard deviation of the yaw rate of a part just seen first, rad/s.
+    pub yaw_rate_sigma_rad_s: f64,
+}
+
+impl Default for TrackerConfig {
+    fn default() -> Self {
+        Self {
+            gate_m: 0.003,
+            missed_max: 5,
+            memory: 0.8,
+            measurement_sigma_m: 0.000_1,
+            acceleration_sigma_m_s2: 0.02,
+            velocity_sigma_m_s: 0.02,
+            yaw_sigma_rad: 0.015,
+            yaw_acceleration_sigma_rad_s2: 2.0,
+            yaw_rate_sigma_rad_s: 1.0,
+        }
+    }
+}
+
+impl TrackerConfig {
+    pub(super) fn validate(&self) -> Result<(), InvalidValue> {
+        require((0.0..1.0).contains(&self.memory), "selector.tracker.memory", self.memory, "0 to below 1")?;
+        for (field, value) in [
+            ("selector.tracker.gate_m", self.gate_m),
+            ("selector.tracker.measurement_sigma_m", self.measurement_sigma_m),
+            ("selector.tracker.acceleration_sigma_m_s2", self.acceleration_sigma_m_s2),
+            ("selector.tracker.velocity_sigma_m_s", self.velocity_sigma_m_s),
+            ("selector.tracker.yaw_sigma_rad", self.yaw_sigma_rad),
+            ("selector.tracker.yaw_acceleration_sigma_rad_s2", self.yaw_acceleration_sigma_rad_s2),
+            ("selector.tracker.yaw_rate_sigma_rad_s", self.yaw_rate_sigma_rad_s),
+        ] {
+            require(value > 0.0 && value <= 100.0, field, value, "above 0 up to 100")?;
+        }
+        Ok(())
+    }
+}
+
+/// Evidence, in frames, that a track starts with for no pose in particular.
+const DOUBT_FRAMES: f64 = 0.3;
+
+/// A part followed over frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackedCandidate {
+    /// Identity: the same from frame to frame, never given twice.
+    pub id: u64,
+    /// When it was seen, s.
+    pub stamp_s: f64,
+    /// What the latest frame shows of it.
+    pub candidate: Candidate,
+    /// Place in the tray frame, smoothed over frames, m.
+    pub position_m: Point2<f64>,
+    /// Velocity in the tray frame, m/s.
+    pub velocity_m_s: Vector2<f64>,
+    /// Yaw in the tray frame, smoothed over frames, rad; `None` if it looks the same from all sides.
+    pub yaw_rad: Option<f64>,
+    /// Yaw rate in the tray frame, rad/s.
+    pub yaw_rate_rad_s: f64,
+    /// Resting pose, from all frames.
+    pub pose: Option<usize>,
+    /// How sure the pose is, from all frames, 0 to 1.
+    pub confidence: f64,
+    /// Frames that showed it.
+    pub frames_seen: u32,
+    /// Whether it may be picked: wanted pose, sure enough, whole on the plateau, room for the gripper.
+    pub selectable: bool,
+}
+
+impl TrackedCandidate {
+    /// Where the part is expected at `stamp_s`, tray frame, m.
+    #[must_use]
+    pub fn predict(&self, stamp_s: f64) -> Point2<f64> {
+        self.position_m + self.velocity_m_s * (stamp_s - self.stamp_s)
+    }
+
+    /// The yaw expected at `stamp_s`, tray frame, rad.
+    #[must_use]
+    pub fn predict_yaw_rad(&self, stamp_s: f64) -> Option<f64> {
+        self.yaw_rad.map(|yaw_rad| yaw_rad + self.yaw_rate_rad_s * (stamp_s - self.stamp_s))
+    }
+}
+
+/// Kalman filter for values of nearly constant rate that share their uncertainty.
+#[derive(Clone, Debug)]
+struct Filter<const N: usize> {
+    value: [f64; N],
+    rate: [f64; N],
+    /// Covariance of value and rate.
+    covariance: Matrix2<f64>,
+}
+
+impl<const N: usize> Filter<N> {
+    fn start(value: [f64; N], value_sigma: f64, rate_sigma: f64) -> Self {
+        let covariance = Matrix2::new(value_sigma.powi(2), 0.0, 0.0, rate_sigma.powi(2));
+        Self { value, rate: [0.0; N], covariance }
+    }
+
+    fn predict(&mut self, dt: f64, acceleration_sigma: f64) {
+        for (value, rate) in self.value.iter_mut().zip(&self.rate) {
+            *value += rate * dt;
+        }
+        let advance = Matrix2::new(1.0, dt, 0.0, 1.0);
+        // White acceleration held over each interval.
+        let kick = Vector2::new(0.5 * dt * dt, dt) * acceleration_sigma;
+        self.covariance = advance * self.covariance * advance.transpose() + kick * kick.transpose();
+    }
+
+    /// Takes in by how much a measurement differs from the value expected.
+    fn correct(&mut self, innovation: [f64; N], value_sigma: f64) {
+        let variance = self.covariance[(0, 0)] + value_sigma.powi(2);
+        let gain = self.covariance.column(0) / variance;
+        for (index, innovation) in innovation.into_iter().enumerate() {
+            self.value[index] += innovation * gain[0];
+            self.rate[index] += innovation * gain[1];
+        }
+        self.covariance -= gain * self.covariance.row(0).clone_owned();
+    }
+}
+
+/// A track: where the part is, how it is turned, and evidence for its pose.
+#[derive(Clone, Debug)]
+struct Track {
+    id: u64,
+    stamp_s: f64,
+    place: Filter<2>,
+    /// With the taught pose whose yaw it is: another pose's yaw counts from another direction.
+    yaw: Option<(usize, Filter<1>)>,
+    evidence: Vec<f64>,
+    evidence_total: f64,
+    frames_seen: u32,
+    missed: u32,
+}
+
+impl Track {
+    fn start(id: u64, stamp_s: f64, candidate: &Candidate, pose_count: usize, config: &TrackerConfig) -> Self {
+        let place = [candidate.x_m, candidate.y_m];
+        let mut track = Self {
+            id,
+            stamp_s,
+            place: Filter::start(place, config.measurement_sigma_m, config.velocity_sigma_m_s),
+            yaw: None,
+            evidence: vec![0.0; pose_count],
+            evidence_total: 0.0,
+            frames_seen: 0,
+            missed: 0,
+        };
+        track.start_yaw(candidate, config);
+        track
+    }
+
+    fn start_yaw(&mut self, candidate: &Candidate, config: &TrackerConfig) {
+        self.yaw = candidate.yaw_rad.map(|yaw_rad| {
+            let filter = Filter::start([yaw_rad], config.yaw_sigma_rad, config.yaw_rate_sigma_rad_s);
+            (candidate.likeness, filter)
+        });
+    }
+
+    fn position(&self) -> Point2<f64> {
+        Point2::from(self.place.value)
+    }
+
+    fn predict(&mut self, stamp_s: f64, config: &TrackerConfig) {
+        let dt = (stamp_s - self.stamp_s).max(0.0);
+        self.stamp_s = stamp_s;
+        self.place.predict(dt, config.acceleration_sigma_m_s2);
+        if let Some((_, filter)) = &mut self.yaw {
+            filter.predict(dt, config.yaw_acceleration_sigma_rad_s2);
+        }
+    }
+
+    fn correct(&mut self, candidate: &Candidate, symmetries: &[u32], config: &TrackerConfig) {
+        let innovation = candidate.centre() - self.position();
+        self.place.correct(innovation.into(), config.measurement_sigma_m);
+        match (&mut self.yaw, candidate.yaw_rad) {
+            (Some((pose, filter)), Some(yaw_rad)) if *pose == candidate.likeness => {
+                let symmetry = symmetries.get(*pose).copied().unwrap_or(1);
+                let miss_rad = yaw_difference_rad(yaw_rad, filter.value[0], symmetry);
+                filter.correct([miss_rad], config.yaw_sigma_rad);
+            }
+            _ => self.start_yaw(candidate, config),
+        }
+        self.missed = 0;
+    }
+
+    fn weigh(&mut self, candidate: &Candidate, memory: f64) {
+        self.frames_seen += 1;
+        self.evidence_total = self.evidence_total * memory + 1.0;
+        for (pose, evidence) in self.evidence.iter_mut().enumerate() {
+            *evidence *= memory;
+            if candidate.pose == Some(pose) {
+                *evidence += candidate.confidence;
+            }
+        }
+    }
+
+    /// The pose with most evidence, and its lead over all others as a share of what there could be.
+    fn pose(&self) -> (Option<usize>, f64) {
+        let total: f64 = self.evidence.iter().sum();
+        let mut best: Option<(usize, f64)> = None;
+        for (pose, evidence) in self.evidence.iter().copied().enumerate() {
+            if evidence > best.map_or(0.0, |(_, most)| most) {
+                best = Some((pose, evidence));
+            }
+        }
+        let Some((pose, most)) = best else {
+            return (None, 0.0);
+        };
+        let lead = most - (total - most);
+        (Some(pose), (lead / (self.evidence_total + DOUBT_FRAMES)).clamp(0.0, 1.0))
+    }
+}
+
+/// Keeps the tracks.
+#[derive(Clone, Debug)]
+pub(super) struct Tracker {
+    config: TrackerConfig,
+    /// Yaw symmetry of each pose.
+    symmetries: Vec<u32>,
+    next_id: u64,
+    tracks: Vec<Track>,
+}
+
+impl Tracker {
+    pub(super) fn new(config: TrackerConfig, symmetries: Vec<u32>) -> Self {
+        Self { config, symmetries, next_id: 1, tracks: Vec::new() }
+    }
+
+    /// Takes in what a frame shows; returns the tracks it shows, by identity.
+    pub(super) fn update(&mut self, stamp_s: f64, candidates: &[Candidate]) -> Vec<TrackedCandidate> {
+        for track in &mut self.tracks {
+            track.predict(stamp_s, &self.config);
+            track.missed += 1;
+        }
+        let known = self.tracks.len();
+        let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+        for (track_index, track) in self.tracks.iter().enumerate() {
+            for (index, candidate) in candidates.iter().enumerate() {
+                let miss_m = (candidate.centre() - track.position()).norm();
+                if miss_m <= self.config.gate_m {
+                    pairs.push((miss_m, track_index, index));
+                }
+            }
+        }
+        // Closest pairs first; age of the track, then order in the image, break ties.
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+        let mut shown = vec![None; known];
+        let mut taken = vec![false; candidates.len()];
+        for (_, track_index, index) in pairs {
+            if shown[track_index].is_none() && !taken[index] {
+                shown[track_index] = Some(index);
+                taken[index] = true;
+                self.tracks[track_index].correct(&candidates[index], &self.symmetries, &self.config);
+            }
+        }
+        for (index, candidate) in candidates.iter().enumerate() {
+            if !taken[index] {
+                let track = Track::start(self.next_id, stamp_s, candidate, self.symmetries.len(), &self.config);
+                self.next_id += 1;
+                self.tracks.push(track);
+                shown.push(Some(index));
+            }
+        }
+        let mut tracked = Vec::with_capacity(candidates.len());
+        for (track, shown) in self.tracks.iter_mut().zip(shown) {
+            let Some(candidate) = shown.map(|index| candidates[index]) else {
+                continue;
+            };
+            track.weigh(&candidate, self.config.memory);
+            let (pose, confidence) = track.pose();
+            tracked.push(TrackedCandidate {
+                id: track.id,
+                stamp_s,
+                candidate,
+                position_m: track.position(),
+                velocity_m_s: track.place.rate.into(),
+                yaw_rad: track.yaw.as_ref().map(|(_, filter)| filter.value[0]),
+                yaw_rate_rad_s: track.yaw.as_ref().map_or(0.0, |(_, filter)| filter.rate[0]),
+                pose,
+                confidence,
+                frames_seen: track.frames_seen,
+                selectable: false,
+            });
+        }
+        let missed_max = self.config.missed_max;
+        self.tracks.retain(|track| track.missed <= missed_max);
+        tracked
+    }
+}
