@@ -89,7 +89,7 @@ fn a_part_is_looked_at_again_where_the_camera_sees_the_station() {
     assert_eq!(outcome.summary()["failed"].as_object().unwrap().len(), 0, "{}", outcome.summary());
 }
 
-/// A small version of `feeder slip-study`.
+/// A small version of `feeder-lab slip-study`.
 #[test]
 fn no_protected_part_slides_in_random_moves_and_20_percent_more_is_too_much() {
     let ran = output(["slip-study", "--moves", "40"]);
@@ -101,7 +101,7 @@ fn no_protected_part_slides_in_random_moves_and_20_percent_more_is_too_much() {
     assert!(study["duration_over_bound_mean"].as_f64().unwrap() < 1.03, "{study}");
 }
 
-/// A short run of `feeder compare-planners`.
+/// A short run of `feeder-lab compare-planners`.
 #[test]
 fn the_planner_delivers_more_than_a_naive_one() {
     let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("launch_configs/three_stations.yaml");

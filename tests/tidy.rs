@@ -108,6 +108,19 @@ fn the_runtime_alone_knows_the_middleware() {
 }
 
 #[test]
+fn the_command_does_not_pay_for_the_laboratory() {
+    let arguments = ["tree", "--package", "feeder", "--edges", "normal", "--prefix", "none", "--offline", "--locked"];
+    let output = Command::new(env!("CARGO")).args(arguments).current_dir(ROOT).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let tree = String::from_utf8(output.stdout).unwrap();
+    let linked: BTreeSet<&str> = tree.lines().filter_map(|line| line.split(' ').next()).collect();
+    assert!(linked.contains("feeder_runtime"), "{linked:?}");
+    for heavy in ["feeder_lab", "rapier3d-f64", "plotters", "argmin", "rsruckig"] {
+        assert!(!linked.contains(heavy), "the command links {heavy}");
+    }
+}
+
+#[test]
 fn nodes_live_under_their_name() {
     for Package { name, folder, .. } in packages() {
         let is_node = LIBRARIES.iter().all(|(library, _)| *library != name) && !TOPS.contains(&name.as_str());

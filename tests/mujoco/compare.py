@@ -37,7 +37,7 @@ SLOPES_DEG = {"ramp": math.degrees(math.atan(0.02 / math.pi / RADIUS_M)), "plate
 TRAY_KG = 1000.0
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
-FEEDER = REPOSITORY / "target/release/feeder"
+LAB = REPOSITORY / "target/release/feeder-lab"
 
 OPTIONS = """
   <option timestep="{step}" gravity="0 0 -{gravity}" cone="elliptic" impratio="10" solver="Newton" integrator="Euler"/>
@@ -110,9 +110,9 @@ def sampled(steps):
     return [(after - before) * steps / PERIOD_S for before, after in zip(edges, edges[1:])]
 
 
-def feeder(*arguments):
-    """JSON that the feeder command prints."""
-    command = [FEEDER, *map(str, arguments)]
+def lab(*arguments):
+    """JSON that the feeder-lab command prints."""
+    command = [LAB, *map(str, arguments)]
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
@@ -122,7 +122,7 @@ def exact_feed(pieces, slope_deg):
         rows = (f"  - {{duration_s: {d!r}, acceleration: {a!r}}}\n" for d, a in pieces)
         file.write("axis: x\nsegments:\n" + "".join(rows))
         file.flush()
-        return feeder("feed-rate", "--waveform", file.name, "--mu", MU, "--slope-deg", slope_deg)["feed_m_s"]
+        return lab("feed-rate", "--waveform", file.name, "--mu", MU, "--slope-deg", slope_deg)["feed_m_s"]
 
 
 def slope_model(slope_deg, step_s, parts):
@@ -191,7 +191,7 @@ def bulk():
     other = periods * PERIOD_S / (time.perf_counter() - started)
     print("\n50 blocks of 6 x 4 x 3 mm, steps of 0.5 ms, simulated seconds per wall second")
     print(f"{'MuJoCo ' + mujoco.__version__:44} {other:10.3g}")
-    for row in feeder("bulk", "speed", "--part", "block", "--count", 50, "--rapier", "--duration", 20):
+    for row in lab("bulk", "speed", "--part", "block", "--count", 50, "--rapier", "--duration", 20):
         own, rapier = row["sim_s_per_wall_s"], row["rapier3d_sim_s_per_wall_s"]
         print(f"{'rapier3d, ' + row['waveform']:44} {rapier:10.3g}")
         name = "this project, " + row["waveform"]
@@ -249,10 +249,10 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--periods", type=int, default=60, help="periods that MuJoCo runs")
     parser.add_argument("--repeats", type=int, default=4, help="runs of which the best is taken")
-    parser.add_argument("--feeder", type=pathlib.Path, default=FEEDER, help="the feeder command")
+    parser.add_argument("--lab", type=pathlib.Path, default=LAB, help="the feeder-lab command")
     parser.add_argument("--only-bulk", action="store_true", help="only the fifty blocks, with rapier3d as well")
     options = parser.parse_args()
-    globals()["FEEDER"] = options.feeder
+    globals()["LAB"] = options.lab
     if options.only_bulk:
         bulk()
         return

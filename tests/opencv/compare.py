@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Time of the selector and of the same pipeline in OpenCV on the same frames, in the same run.
 
-The frames and the taught model come from `feeder score-vision --save`, which also times the selector. OpenCV gets the steps
+The frames and the taught model come from `feeder-lab score-vision --save`, which also times the selector. OpenCV gets the steps
 that the selector takes, each with the function made for it: 3x3 binomial filter (sepFilter2D), light of the plateau by
 robust least squares (numpy), foreground (threshold, connectedComponentsWithStats), mean brightness of rings about every
 pixel (filter2D) and their minima (erode), the best of K turned templates round each minimum (matchTemplate), place and yaw to
@@ -228,7 +228,7 @@ def timed(pipeline, image, repeats):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("parts", nargs="*", default=["grommet", "hex_nut", "bracket"])
-    parser.add_argument("--feeder", default=REPOSITORY / "target/release/feeder", help="the feeder command")
+    parser.add_argument("--lab", default=REPOSITORY / "target/release/feeder-lab", help="the feeder-lab command")
     parser.add_argument("--frames", type=int, default=60, help="frames that the selector is timed over")
     parser.add_argument("--repeats", type=int, default=5)
     options = parser.parse_args()
@@ -236,7 +236,7 @@ def main():
     print(f"OpenCV {cv2.__version__}\n{'part':9} {'cover':>5} {'sigma':>5} {'selector ms':>11} {'OpenCV ms':>9} {'found':>11}")
     for part in options.parts:
         with tempfile.TemporaryDirectory() as folder:
-            command = [options.feeder, "score-vision", part, "--frames", str(options.frames), "--save", folder]
+            command = [options.lab, "score-vision", part, "--frames", str(options.frames), "--save", folder]
             table = subprocess.run(command, check=True, capture_output=True, text=True).stdout
             folder = pathlib.Path(folder)
             model = json.loads((folder / f"{part}.model.json").read_text())

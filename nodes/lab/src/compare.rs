@@ -1,4 +1,4 @@
-//! `feeder compare-planners`: one scenario under the planner and under a naive one.
+//! `feeder-lab compare-planners`: one scenario under the planner and under a naive one.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `feeder plan-move`: how long a gentle move takes, against what friction would allow.
+//! `feeder-lab plan-move`: how long a gentle move takes, against what friction would allow.
 
 use clap::ValueEnum;
 use feeder_control::courier::CourierLimits;

@@ -1,4 +1,4 @@
-//! `feeder slip-study`: how far parts slide in many random moves, with the whole simulator.
+//! `feeder-lab slip-study`: how far parts slide in many random moves, with the whole simulator.
 
 use feeder_control::courier::{CourierConfig, LearningParameters};
 use feeder_control::delivery::{GentleParameters, MovePlanner, Policy, ramp_parts};

@@ -53,7 +53,7 @@ fn verif_the_reference_is_that_of_the_trial_table() {
 
 #[test]
 fn verif_learning_feeds_as_computed_on_plants_that_are_off() {
-    // The bounds are those required of a single run; `feeder experiment learning` shows the whole grid.
+    // The bounds are those required of a single run; `feeder-lab experiment learning` shows the whole grid.
     let trial = trial();
     let plants = [
         off_nominal(1.0, 1.0, 0.05, 0.0),

@@ -1,4 +1,4 @@
-//! `feeder feed-rate`: one part on one straight track.
+//! `feeder-lab feed-rate`: one part on one straight track.
 
 use anyhow::Result;
 use clap::{Args as ClapArgs, ValueEnum};

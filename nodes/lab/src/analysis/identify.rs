@@ -1,4 +1,4 @@
-//! `feeder identify-friction`: friction from a recording of how a part slips.
+//! `feeder-lab identify-friction`: friction from a recording of how a part slips.
 //!
 //! A recording is a bag with velocities of joints called `tray` and `part`, or a CSV file of the same numbers.
 

@@ -1,4 +1,4 @@
-//! `feeder tray-map`: how fast parts travel at each radius of an annular tray.
+//! `feeder-lab tray-map`: how fast parts travel at each radius of an annular tray.
 
 use anyhow::Result;
 use clap::Args as ClapArgs;

@@ -1,4 +1,4 @@
-//! `feeder bulk`: parts in bulk on a tray that follows its waveform perfectly, without nodes, camera and delivery: how many
+//! `feeder-lab bulk`: parts in bulk on a tray that follows its waveform perfectly, without nodes, camera and delivery: how many
 //! good parts a minute pass the camera, what becomes of the paper's claims, and how fast the simulation runs.
 
 mod claims;

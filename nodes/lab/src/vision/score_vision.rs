@@ -1,4 +1,4 @@
-//! `feeder score-vision`: the selector against rendered frames whose truth is known.
+//! `feeder-lab score-vision`: the selector against rendered frames whose truth is known.
 
 use std::path::{Path, PathBuf};
 

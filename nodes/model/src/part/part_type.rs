@@ -89,7 +89,7 @@ pub enum PartProblem {
         known: Vec<String>,
     },
     /// Drop data of another part, or of this one before it was changed.
-    #[error("drops: {what} do not belong to this part as it is now; make them anew with `feeder part --drop`")]
+    #[error("drops: {what} do not belong to this part as it is now; make them anew with `feeder-lab drop`")]
     StaleDrops {
         /// What does not fit.
         what: &'static str,

@@ -25,7 +25,7 @@ pub struct PartSpec {
     pub poses: Vec<PoseName>,
     /// Names of the poses in which the part is wanted.
     pub wanted_poses: Vec<String>,
-    /// How the part comes to lie, as `feeder part --drop` found by dropping it; without it, as the quasi-static estimate
+    /// How the part comes to lie, as `feeder-lab drop` found by dropping it; without it, as the quasi-static estimate
     /// of the stable poses says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drops: Option<DropTable>,

@@ -1,4 +1,4 @@
-//! `feeder experiment faults`: what the courier driver does about every fault.
+//! `feeder-lab experiment faults`: what the courier driver does about every fault.
 
 use crate::experiment::faults::{Doing, matrix};
 use anyhow::Result;

@@ -1,4 +1,4 @@
-//! `feeder experiment learning`: feed of the learning courier over a grid of plants.
+//! `feeder-lab experiment learning`: feed of the learning courier over a grid of plants.
 
 use std::f64::consts::PI;
 

@@ -1,4 +1,4 @@
-//! `feeder experiment`: experiments on the simulated courier, the paper's and others.
+//! `feeder-lab experiment`: experiments on the simulated courier, the paper's and others.
 
 mod faults;
 mod learning;

@@ -1,4 +1,4 @@
-//! `feeder experiment fig6` and `fig8`: the paper's rig with the courier in the loop.
+//! `feeder-lab experiment fig6` and `fig8`: the paper's rig with the courier in the loop.
 
 use std::path::{Path, PathBuf};
 
@@ -35,7 +35,7 @@ pub(crate) enum Figure {
 /// How the rig is run.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct Args {
-    /// Folder for the charts (SVG, CSV) and two recordings (bags) for `feeder identify-friction`; made if need be.
+    /// Folder for the charts (SVG, CSV) and two recordings (bags) for `feeder-lab identify-friction`; made if need be.
     #[arg(long)]
     out: Option<PathBuf>,
     /// Friction between block and tray.

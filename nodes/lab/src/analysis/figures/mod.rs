@@ -1,4 +1,4 @@
-//! `feeder figures`: the figures of the paper from this model, and what becomes of its claims.
+//! `feeder-lab figures`: the figures of the paper from this model, and what becomes of its claims.
 
 mod claims;
 mod incline;

@@ -1,4 +1,4 @@
-//! `feeder optimize`: the best waveform, and the best tray with its waveform.
+//! `feeder-lab optimize`: the best waveform, and the best tray with its waveform.
 
 mod tray;
 mod waveform;

@@ -1,4 +1,4 @@
-//! `feeder optimize tray`.
+//! `feeder-lab optimize tray`.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! `feeder optimize waveform`.
+//! `feeder-lab optimize waveform`.
 
 use crate::design::{DesignedWaveform, WaveformGoal};
 use anyhow::{Context, Result};
