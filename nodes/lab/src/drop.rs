@@ -2,9 +2,10 @@
 //!
 //! Lengths are in millimetres in here, the unit in which the engine's tolerances suit parts of a few millimetres.
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Context as _, Result};
 use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_model::part::{DropTable, PartSpec, PartType};
+use feeder_model::range::{OutOfRange, check_range};
 use feeder_model::seed::generator;
 use feeder_model::tray::TrayGeometry;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -67,12 +68,11 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 }
 
 fn drop_table(part: &PartType, args: &Args) -> Result<DropTable> {
-    ensure!((1..=100_000).contains(&args.drops), "drops = {} is outside its range: 1 to 100000", args.drops);
+    check_range("--drops", args.drops.into(), 1.0, 1e5)?;
     let height_ok = args.height > 2.0 * part.mesh.radius_m() && args.height <= 0.5;
-    ensure!(height_ok, "height = {} m is outside its range: above the part's size, at most 0.5 m", args.height);
-    ensure!((0.0..=1.0).contains(&args.speed), "speed = {} m/s is outside its range: 0 to 1", args.speed);
-    let restitution_ok = (0.0..=1.0).contains(&args.restitution);
-    ensure!(restitution_ok, "restitution = {} is outside its range: 0 to 1", args.restitution);
+    OutOfRange::unless(height_ok, "--height", args.height, "above the part's size, up to 0.5 m")?;
+    check_range("--speed", args.speed, 0.0, 1.0)?;
+    check_range("--restitution", args.restitution, 0.0, 1.0)?;
     let shape = hull(part)?;
     let mut tried = 0_u32;
     let mut unsettled = 0_u32;

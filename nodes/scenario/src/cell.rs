@@ -162,9 +162,8 @@ impl Scenario {
         self.validate_recipes(part)?;
         for further in &self.further_feeders {
             for (key, value) in [("x_m", further.x_m), ("y_m", further.y_m)] {
-                let name = format_args!("{}.{key}", further.name);
-                OutOfRange::unless(value.abs() <= 10.0, "place", value, "-10 to 10 m")
-                    .map_err(|error| invalid("further_feeders", &format_args!("{name}: {error}")))?;
+                OutOfRange::unless(value.abs() <= 10.0, format!("{}.{key}", further.name), value, "-10 to 10 m")
+                    .map_err(|error| invalid("further_feeders", &error))?;
             }
         }
         for area in &self.platen.keep_out {

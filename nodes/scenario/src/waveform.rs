@@ -75,12 +75,10 @@ impl WaveformSpec {
                 let waveform = Waveform::optimal(Axis::Yaw, period_s, &design);
                 // The design knows the acceleration at its radius; the scenario states the angular one.
                 let waveform = waveform.map_err(|error| match error {
-                    WaveformError::OutOfRange(error) if error.parameter == "limit_m_s2" => OutOfRange {
-                        parameter: "limit_rad_s2",
-                        value: limit_rad_s2,
-                        allowed: format!("times radius_m {}", error.allowed),
+                    WaveformError::OutOfRange(error) if error.parameter == "limit_m_s2" => {
+                        let allowed = format_args!("times radius_m {}", error.allowed);
+                        OutOfRange::new("limit_rad_s2", limit_rad_s2, allowed).into()
                     }
-                    .into(),
                     other => other,
                 })?;
                 waveform.scaled(1.0 / radius_m)

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::TrackerConfig;
-use feeder_model::camera::{InvalidValue, require};
+use feeder_model::range::OutOfRange;
 
 /// What the selector is asked for and how sure it must be.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -47,22 +47,22 @@ impl SelectorConfig {
     ///
     /// # Errors
     ///
-    /// [`InvalidValue`] naming the field out of range.
-    pub fn validate(&self) -> Result<(), InvalidValue> {
+    /// [`OutOfRange`] naming the field out of range.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
         let confidence = self.confidence_min;
-        require((0.0..=1.0).contains(&confidence), "selector.confidence_min", confidence, "0 to 1")?;
+        OutOfRange::unless((0.0..=1.0).contains(&confidence), "selector.confidence_min", confidence, "0 to 1")?;
         for (field, value) in
             [("selector.miss_max", self.miss_max), ("selector.evidence_lead_min", self.evidence_lead_min)]
         {
-            require((0.01..=16.0).contains(&value), field, value, "0.01 to 16")?;
+            OutOfRange::unless((0.01..=16.0).contains(&value), field, value, "0.01 to 16")?;
         }
         for (field, value) in
             [("selector.part_clearance_m", self.part_clearance_m), ("selector.wall_clearance_m", self.wall_clearance_m)]
         {
-            require((-0.1..=0.1).contains(&value), field, value, "-0.1 to 0.1 m")?;
+            OutOfRange::unless((-0.1..=0.1).contains(&value), field, value, "-0.1 to 0.1 m")?;
         }
         let contrast = self.contrast_min_levels;
-        require((2.0..=128.0).contains(&contrast), "selector.contrast_min_levels", contrast, "2 to 128")?;
+        OutOfRange::unless((2.0..=128.0).contains(&contrast), "selector.contrast_min_levels", contrast, "2 to 128")?;
         self.tracker.validate()
     }
 }

@@ -27,7 +27,8 @@ use image::GrayImage;
 use nalgebra::{Isometry2, Point2};
 
 use detector::Detector;
-use feeder_model::camera::{CameraModel, InvalidValue, MountedTray, require, single};
+use feeder_model::camera::{CameraModel, MountedTray, single};
+use feeder_model::range::OutOfRange;
 use track::Tracker;
 
 pub use candidate::Candidate;
@@ -76,14 +77,14 @@ impl Selector {
     ///
     /// # Errors
     ///
-    /// [`InvalidValue`] naming what is out of range in configuration, tray or model, a wanted pose never taught, or a
+    /// [`OutOfRange`] naming what is out of range in configuration, tray or model, a wanted pose never taught, or a
     /// camera not above the tray.
     pub fn new(
         config: SelectorConfig,
         camera: &CameraModel,
         tray: &MountedTray,
         model: &PartModel,
-    ) -> Result<Self, InvalidValue> {
+    ) -> Result<Self, OutOfRange> {
         Self::check(&config, camera, tray, model)?;
         let symmetries = model.poses.iter().map(|pose| pose.yaw_symmetry).collect();
         let tracker = Tracker::new(config.tracker, symmetries);
@@ -100,14 +101,14 @@ impl Selector {
         camera: &CameraModel,
         tray: &MountedTray,
         model: &PartModel,
-    ) -> Result<(), InvalidValue> {
+    ) -> Result<(), OutOfRange> {
         config.validate()?;
         tray.validate()?;
         model.validate()?;
         require_above(camera, tray)?;
         for pose in &config.wanted_poses {
             let taught = *pose < model.poses.len();
-            require(taught, "selector.wanted_poses", *pose as f64, "poses the part model was taught")?;
+            OutOfRange::unless(taught, "selector.wanted_poses", *pose as f64, "poses the part model was taught")?;
         }
         Ok(())
     }
@@ -183,10 +184,10 @@ impl Selector {
 }
 
 /// A camera must hang at least twice as high as the tray's walls stand.
-fn require_above(camera: &CameraModel, tray: &MountedTray) -> Result<(), InvalidValue> {
+fn require_above(camera: &CameraModel, tray: &MountedTray) -> Result<(), OutOfRange> {
     let height_m = camera.pose().height_m;
     let above = height_m >= 2.0 * tray.wall_top_m();
-    require(above, "camera.pose.height_m", height_m, "at least twice the height of the tray's walls")
+    OutOfRange::unless(above, "camera.pose.height_m", height_m, "at least twice the height of the tray's walls")
 }
 
 #[cfg(test)]

@@ -17,7 +17,8 @@ use serde::{Deserialize, Serialize};
 
 use super::search::MISS_MAX;
 use super::segment::{Plateau, RADIAL_BINS, TaughtLight};
-use feeder_model::camera::{InvalidValue, require, single};
+use feeder_model::camera::single;
+use feeder_model::range::OutOfRange;
 
 /// Pictures that tell what the slant adds.
 pub(super) const SLANT_PLANES: usize = 5;
@@ -248,30 +249,50 @@ impl PoseTemplate {
     }
 
     /// Checks every number.
-    pub(super) fn validate(&self) -> Result<(), InvalidValue> {
-        require((0.0..=0.1).contains(&self.height_m), "part_model.poses.height_m", self.height_m, "0 to 0.1 m")?;
+    pub(super) fn validate(&self) -> Result<(), OutOfRange> {
+        OutOfRange::unless(
+            (0.0..=0.1).contains(&self.height_m),
+            "part_model.poses.height_m",
+            self.height_m,
+            "0 to 0.1 m",
+        )?;
         let symmetry_ok = self.yaw_symmetry <= 360;
-        require(symmetry_ok, "part_model.poses.yaw_symmetry", self.yaw_symmetry.into(), "0 to 360")?;
+        OutOfRange::unless(symmetry_ok, "part_model.poses.yaw_symmetry", self.yaw_symmetry.into(), "0 to 360")?;
         let miss_ok = (0.0..=MISS_MAX).contains(&self.ring_miss_max);
-        require(miss_ok, "part_model.poses.ring_miss_max", self.ring_miss_max.into(), "0 to 9")?;
+        OutOfRange::unless(miss_ok, "part_model.poses.ring_miss_max", self.ring_miss_max.into(), "0 to 9")?;
         let miss_ok = (0.01..=16.0).contains(&self.miss_max);
-        require(miss_ok, "part_model.poses.miss_max", self.miss_max.into(), "0.01 to 16")?;
+        OutOfRange::unless(miss_ok, "part_model.poses.miss_max", self.miss_max.into(), "0.01 to 16")?;
         let shade_ok = (0.0..=0.1).contains(&self.shade_reach_m);
-        require(shade_ok, "part_model.poses.shade_reach_m", self.shade_reach_m, "0 to 0.1 m")?;
+        OutOfRange::unless(shade_ok, "part_model.poses.shade_reach_m", self.shade_reach_m, "0 to 0.1 m")?;
         let texel_ok = (1e-6..=0.01).contains(&self.texel_m);
-        require(texel_ok, "part_model.poses.texel_m", self.texel_m, "1e-6 to 0.01 m")?;
+        OutOfRange::unless(texel_ok, "part_model.poses.texel_m", self.texel_m, "1e-6 to 0.01 m")?;
         let side = self.side();
         let side_ok = !side.is_multiple_of(2) && side <= SIDE_MAX && self.deviation.is_square(side);
-        require(side_ok, "part_model.poses.deviation", side as f64, "a square of an odd number of texels up to 161")?;
+        OutOfRange::unless(
+            side_ok,
+            "part_model.poses.deviation",
+            side as f64,
+            "a square of an odd number of texels up to 161",
+        )?;
         let yaws = self.at_yaws.len();
         let yaws_ok = if self.yaw_symmetry == 0 { yaws == 1 } else { (2..=YAW_PLANES_MAX).contains(&yaws) };
-        require(yaws_ok, "part_model.poses.at_yaws", yaws as f64, "1 picture without a yaw, 2 to 64 with one")?;
+        OutOfRange::unless(
+            yaws_ok,
+            "part_model.poses.at_yaws",
+            yaws as f64,
+            "1 picture without a yaw, 2 to 64 with one",
+        )?;
         for plane in self.slant_planes().into_iter().chain([&self.wall_shade]).chain(&self.at_yaws) {
-            require(plane.is_square(side), "part_model.poses", plane.width as f64, "pictures of one size")?;
+            OutOfRange::unless(plane.is_square(side), "part_model.poses", plane.width as f64, "pictures of one size")?;
         }
         let reach_m = self.outline_m.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max);
         let outline_ok = self.outline_m.len() >= 3 && reach_m > 0.0 && reach_m < 0.5 * side as f64 * self.texel_m;
-        require(outline_ok, "part_model.poses.outline_m", reach_m, "three corners or more, within the pictures")
+        OutOfRange::unless(
+            outline_ok,
+            "part_model.poses.outline_m",
+            reach_m,
+            "three corners or more, within the pictures",
+        )
     }
 }
 
@@ -296,21 +317,31 @@ impl PartModel {
     ///
     /// # Errors
     ///
-    /// [`InvalidValue`] naming the field out of range.
-    pub fn validate(&self) -> Result<(), InvalidValue> {
+    /// [`OutOfRange`] naming the field out of range.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
         let [level, ..] = self.plateau_light;
         let light_ok = (1.0..=255.0).contains(&level) && self.plateau_light.iter().all(|c| c.abs() <= 255.0);
-        require(light_ok, "part_model.plateau_light", level.into(), "a level of 1 to 255, and changes no larger")?;
+        OutOfRange::unless(
+            light_ok,
+            "part_model.plateau_light",
+            level.into(),
+            "a level of 1 to 255, and changes no larger",
+        )?;
         let hub_ok = (1.0..=255.0).contains(&self.hub_level);
-        require(hub_ok, "part_model.hub_level", self.hub_level.into(), "1 to 255")?;
+        OutOfRange::unless(hub_ok, "part_model.hub_level", self.hub_level.into(), "1 to 255")?;
         let shade = &self.plateau_shade;
         let shade_ok = shade.width == RADIAL_BINS && shade.values.len() == 3 * RADIAL_BINS;
-        require(shade_ok, "part_model.plateau_shade", shade.width as f64, "three rows of 200 entries")?;
+        OutOfRange::unless(shade_ok, "part_model.plateau_shade", shade.width as f64, "three rows of 200 entries")?;
         for [constant, cos, sin] in self.shades() {
             let least = f64::from(constant - cos.hypot(sin));
-            require(least >= 0.1, "part_model.plateau_shade", least, "a brightness above 0.1 in any direction")?;
+            OutOfRange::unless(
+                least >= 0.1,
+                "part_model.plateau_shade",
+                least,
+                "a brightness above 0.1 in any direction",
+            )?;
         }
-        require(!self.poses.is_empty(), "part_model.poses", 0.0, "at least one")?;
+        OutOfRange::unless(!self.poses.is_empty(), "part_model.poses", 0.0, "at least one")?;
         self.poses.iter().try_for_each(PoseTemplate::validate)
     }
 

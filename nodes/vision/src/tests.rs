@@ -342,7 +342,7 @@ fn teaching_refuses_poses_that_look_the_same_or_are_not_shown() {
 fn bad_configurations_are_refused_by_name() {
     let scene = scene(&GROMMET, 2.0);
     let refused = |config: SelectorConfig, model: PartModel| {
-        Selector::new(config, &scene.camera, &scene.tray, &model).unwrap_err().field
+        Selector::new(config, &scene.camera, &scene.tray, &model).unwrap_err().parameter
     };
     let config = SelectorConfig::default;
     let model = || MODEL.clone();

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Candidate;
 use super::detector::yaw_difference_rad;
-use feeder_model::camera::{InvalidValue, require};
+use feeder_model::range::OutOfRange;
 
 /// How parts are followed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,8 +48,8 @@ impl Default for TrackerConfig {
 }
 
 impl TrackerConfig {
-    pub(super) fn validate(&self) -> Result<(), InvalidValue> {
-        require((0.0..1.0).contains(&self.memory), "selector.tracker.memory", self.memory, "0 to below 1")?;
+    pub(super) fn validate(&self) -> Result<(), OutOfRange> {
+        OutOfRange::unless((0.0..1.0).contains(&self.memory), "selector.tracker.memory", self.memory, "0 to below 1")?;
         for (field, value) in [
             ("selector.tracker.gate_m", self.gate_m),
             ("selector.tracker.measurement_sigma_m", self.measurement_sigma_m),
@@ -59,7 +59,7 @@ impl TrackerConfig {
             ("selector.tracker.yaw_acceleration_sigma_rad_s2", self.yaw_acceleration_sigma_rad_s2),
             ("selector.tracker.yaw_rate_sigma_rad_s", self.yaw_rate_sigma_rad_s),
         ] {
-            require(value > 0.0 && value <= 100.0, field, value, "above 0 up to 100")?;
+            OutOfRange::unless(value > 0.0 && value <= 100.0, field, value, "above 0 up to 100")?;
         }
         Ok(())
     }

@@ -49,7 +49,8 @@ struct RadiusReport {
 pub(crate) fn run(args: &Args) -> Result<()> {
     let tray = args.tray.geometry();
     let track = AnnularTrack::new(tray, args.friction.friction()?, args.friction.gravity)?;
-    let design_radius_m = track.check_radius(args.design_radius.unwrap_or(tray.outer_radius_m))?;
+    let design_radius_m = args.design_radius.unwrap_or(tray.outer_radius_m);
+    track.check_radius(design_radius_m)?;
     let optimal = OptimalTrack {
         friction: args.friction.mu,
         slope_rad: tray.ramp_slope_rad(design_radius_m),

@@ -8,11 +8,12 @@ mod speed;
 
 use std::path::PathBuf;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use clap::ValueEnum;
 use feeder_model::geometry::{RawMesh, ShapeSpec};
 use feeder_model::motion::{MotionBlock, MotionSample};
 use feeder_model::part::{PartSpec, PartType};
+use feeder_model::range::OutOfRange;
 use feeder_model::tray::Surface;
 use feeder_model::waveform::Waveform;
 use feeder_scenario::{Scenario, WaveformSpec};
@@ -68,10 +69,11 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let duration_s = args.duration.unwrap_or(if args.question == Question::Speed { 10.0 } else { 600.0 });
-    ensure!(duration_s > 0.0 && duration_s <= 86_400.0, "duration = {duration_s} s is outside its range: 0 to 86400");
-    ensure!(args.scale > 0.0 && args.scale <= 10.0, "scale = {} is outside its range: 0 to 10", args.scale);
-    for share in &args.area_fraction {
-        ensure!(*share > 0.0 && *share <= 0.9, "area-fraction = {share} is outside its range: 0 to 0.9");
+    let duration_ok = duration_s > 0.0 && duration_s <= 86_400.0;
+    OutOfRange::unless(duration_ok, "--duration", duration_s, "above 0, up to 86400 s")?;
+    OutOfRange::unless(args.scale > 0.0 && args.scale <= 10.0, "--scale", args.scale, "above 0, up to 10")?;
+    for &share in &args.area_fraction {
+        OutOfRange::unless(share > 0.0 && share <= 0.9, "--area-fraction", share, "above 0, up to 0.9")?;
     }
     let part = PartType::new(&scaled(feeder::part::load(&args.part)?, args.scale)?)?;
     match args.question {

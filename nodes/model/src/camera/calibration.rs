@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Matrix2, Matrix3, Point2, Point3, Rotation3, Translati
 use serde::{Deserialize, Serialize};
 
 use super::spec::{CameraPose, CameraSpec, Distortion};
-use super::{InvalidValue, require};
+use crate::range::OutOfRange;
 
 /// Newton steps after which a distortion that has not been undone counts as not invertible.
 const UNDISTORT_ITERATIONS: usize = 20;
@@ -30,40 +30,40 @@ impl CameraModel {
     ///
     /// # Errors
     ///
-    /// [`InvalidValue`] if a number is out of range, if both or neither of `focal_length_px` and `platen_m_per_px` are
+    /// [`OutOfRange`] if a number is out of range, if both or neither of `focal_length_px` and `platen_m_per_px` are
     /// given, or if the distortion folds the image over, so that a pixel would see two places.
-    pub fn new(spec: CameraSpec) -> Result<Self, InvalidValue> {
+    pub fn new(spec: CameraSpec) -> Result<Self, OutOfRange> {
         const SIZE: &str = "16 to 4096 px";
         let size_ok = |size| (16..=4096).contains(&size);
-        require(size_ok(spec.width_px), "width_px", spec.width_px.into(), SIZE)?;
-        require(size_ok(spec.height_px), "height_px", spec.height_px.into(), SIZE)?;
+        OutOfRange::unless(size_ok(spec.width_px), "width_px", spec.width_px.into(), SIZE)?;
+        OutOfRange::unless(size_ok(spec.height_px), "height_px", spec.height_px.into(), SIZE)?;
         let pose = spec.pose;
         for (field, value) in [("pose.x_m", pose.x_m), ("pose.y_m", pose.y_m), ("pose.yaw_rad", pose.yaw_rad)] {
-            require(value.is_finite(), field, value, "a finite number")?;
+            OutOfRange::unless(value.is_finite(), field, value, "a finite number")?;
         }
         let height_ok = pose.height_m > 0.0 && pose.height_m <= 100.0;
-        require(height_ok, "pose.height_m", pose.height_m, "above 0 up to 100 m")?;
+        OutOfRange::unless(height_ok, "pose.height_m", pose.height_m, "above 0 up to 100 m")?;
         let focal_length_px = match (spec.focal_length_px, spec.platen_m_per_px) {
             (Some(focal_length_px), None) => focal_length_px,
             (None, Some(platen_m_per_px)) => {
                 let ok = platen_m_per_px > 0.0 && platen_m_per_px.is_finite();
-                require(ok, "platen_m_per_px", platen_m_per_px, "above 0")?;
+                OutOfRange::unless(ok, "platen_m_per_px", platen_m_per_px, "above 0")?;
                 pose.height_m / platen_m_per_px
             }
             (focal_length_px, _) => {
-                return Err(InvalidValue {
-                    field: "focal_length_px",
-                    value: focal_length_px.unwrap_or(f64::NAN),
-                    allowed: "given exactly if platen_m_per_px is not",
-                });
+                return Err(OutOfRange::new(
+                    "focal_length_px",
+                    focal_length_px.unwrap_or(f64::NAN),
+                    "given exactly if platen_m_per_px is not",
+                ));
             }
         };
         let focal_ok = (1.0..=1e6).contains(&focal_length_px);
-        require(focal_ok, "focal_length_px", focal_length_px, "1 to 1e6 px")?;
+        OutOfRange::unless(focal_ok, "focal_length_px", focal_length_px, "1 to 1e6 px")?;
         let middle = [f64::from(spec.width_px - 1) / 2.0, f64::from(spec.height_px - 1) / 2.0];
         let principal_point_px = Vector2::from(spec.principal_point_px.unwrap_or(middle));
         for value in principal_point_px.iter() {
-            require(value.abs() <= 1e5, "principal_point_px", *value, "-1e5 to 1e5 px")?;
+            OutOfRange::unless(value.abs() <= 1e5, "principal_point_px", *value, "-1e5 to 1e5 px")?;
         }
         let d = spec.distortion;
         for (field, value) in [
@@ -73,7 +73,7 @@ impl CameraModel {
             ("distortion.p2", d.p2),
             ("distortion.k3", d.k3),
         ] {
-            require(value.is_finite(), field, value, "a finite number")?;
+            OutOfRange::unless(value.is_finite(), field, value, "a finite number")?;
         }
         let (sin, cos) = pose.yaw_rad.sin_cos();
         let camera = Self {
@@ -90,7 +90,7 @@ impl CameraModel {
     }
 
     /// Every pixel of a coarse grid up to the border must undistort, without the lens folding over on the way.
-    fn require_invertible(&self) -> Result<(), InvalidValue> {
+    fn require_invertible(&self) -> Result<(), OutOfRange> {
         const STEPS: u32 = 16;
         for row in 0..=STEPS {
             for column in 0..=STEPS {
@@ -99,7 +99,7 @@ impl CameraModel {
                 let invertible = self
                     .undistort(self.distorted_ray(pixel))
                     .is_some_and(|ray| self.distort(ray).1.determinant() > 0.0);
-                require(
+                OutOfRange::unless(
                     invertible,
                     "distortion.k1",
                     self.distortion.k1,
@@ -256,9 +256,9 @@ impl CameraModel {
 }
 
 impl TryFrom<CameraSpec> for CameraModel {
-    type Error = InvalidValue;
+    type Error = OutOfRange;
 
-    fn try_from(spec: CameraSpec) -> Result<Self, InvalidValue> {
+    fn try_from(spec: CameraSpec) -> Result<Self, OutOfRange> {
         Self::new(spec)
     }
 }
@@ -322,7 +322,7 @@ mod tests {
         let refused = |change: fn(&mut CameraSpec)| {
             let mut bad = spec();
             change(&mut bad);
-            CameraModel::new(bad).unwrap_err().field
+            CameraModel::new(bad).unwrap_err().parameter
         };
         assert_eq!(refused(|s| s.width_px = 0), "width_px");
         assert_eq!(refused(|s| s.pose.height_m = -1.0), "pose.height_m");

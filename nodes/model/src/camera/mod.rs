@@ -8,23 +8,6 @@ pub use calibration::CameraModel;
 pub use mounted_tray::MountedTray;
 pub use spec::{CameraPose, CameraSpec, Distortion};
 
-/// A number outside what it may be, in a camera, scene or selector description.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{field} is {value}; allowed: {allowed}")]
-pub struct InvalidValue {
-    /// Which number, as in the description, e.g. `pose.height_m`.
-    pub field: &'static str,
-    /// The value found.
-    pub value: f64,
-    /// The values allowed.
-    pub allowed: &'static str,
-}
-
-/// Passes if `accepted`; otherwise says which `field` holds a `value` that is not `allowed`.
-pub fn require(accepted: bool, field: &'static str, value: f64, allowed: &'static str) -> Result<(), InvalidValue> {
-    if accepted { Ok(()) } else { Err(InvalidValue { field, value, allowed }) }
-}
-
 /// Pixels and grey levels need no more than single precision.
 pub fn single(value: f64) -> f32 {
     #[expect(clippy::cast_possible_truncation, reason = "rounding to single precision is the purpose")]

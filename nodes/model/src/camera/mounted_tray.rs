@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
-use super::{InvalidValue, require};
+use crate::range::OutOfRange;
 use crate::tray::TrayGeometry;
 
 /// The tray on its courier: what camera and selector must know of its heights.
@@ -53,22 +53,22 @@ impl MountedTray {
     ///
     /// # Errors
     ///
-    /// [`InvalidValue`] naming the field out of range.
-    pub fn validate(&self) -> Result<(), InvalidValue> {
+    /// [`OutOfRange`] naming the field out of range.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
         let g = self.geometry;
         let outer_ok = g.outer_radius_m > 0.0 && g.outer_radius_m <= 10.0;
-        require(outer_ok, "tray.outer_radius_m", g.outer_radius_m, "above 0 up to 10 m")?;
+        OutOfRange::unless(outer_ok, "tray.outer_radius_m", g.outer_radius_m, "above 0 up to 10 m")?;
         let inner_ok = g.inner_radius_m > 0.0 && g.inner_radius_m < g.outer_radius_m;
-        require(inner_ok, "tray.inner_radius_m", g.inner_radius_m, "above 0, below tray.outer_radius_m")?;
-        require((0.0..=1.0).contains(&g.rise_m), "tray.rise_m", g.rise_m, "0 to 1 m")?;
+        OutOfRange::unless(inner_ok, "tray.inner_radius_m", g.inner_radius_m, "above 0, below tray.outer_radius_m")?;
+        OutOfRange::unless((0.0..=1.0).contains(&g.rise_m), "tray.rise_m", g.rise_m, "0 to 1 m")?;
         let ramp_ok = g.ramp_angle_rad > 0.0 && g.ramp_angle_rad < TAU;
-        require(ramp_ok, "tray.ramp_angle_rad", g.ramp_angle_rad, "above 0, below 2π rad")?;
+        OutOfRange::unless(ramp_ok, "tray.ramp_angle_rad", g.ramp_angle_rad, "above 0, below 2π rad")?;
         for (field, value) in [
             ("tray.floor_height_m", self.floor_height_m),
             ("tray.lip_m", self.lip_m),
             ("tray.wall_thickness_m", self.wall_thickness_m),
         ] {
-            require((0.0..=1.0).contains(&value), field, value, "0 to 1 m")?;
+            OutOfRange::unless((0.0..=1.0).contains(&value), field, value, "0 to 1 m")?;
         }
         Ok(())
     }
@@ -125,6 +125,6 @@ mod tests {
         let mut tray = MountedTray::new(TrayGeometry::PAPER);
         assert_eq!(tray.validate(), Ok(()));
         tray.geometry.inner_radius_m = 0.1;
-        assert_eq!(tray.validate().unwrap_err().field, "tray.inner_radius_m");
+        assert_eq!(tray.validate().unwrap_err().parameter, "tray.inner_radius_m");
     }
 }

@@ -7,6 +7,7 @@ use thiserror::Error;
 use super::solids::Soup;
 use super::stl::{self, StlError};
 use super::{MeshError, PartMesh, Solid};
+use crate::range::OutOfRange;
 
 /// The shape of a part.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,15 +45,8 @@ pub struct RawMesh {
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ShapeError {
     /// A number of a solid lies outside its range.
-    #[error("{key} = {value} is outside its range: {allowed}")]
-    Value {
-        /// The key.
-        key: &'static str,
-        /// The value found, or the one computed from those found.
-        value: f64,
-        /// The range allowed.
-        allowed: String,
-    },
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
     /// The STL file has not been read.
     #[error("the STL file {file:?} was not found or not read")]
     NotRead {
@@ -83,9 +77,7 @@ impl ShapeSpec {
     /// If the content is no STL file, or the unit is no length.
     pub fn read_stl(&mut self, bytes: &[u8]) -> Result<(), ShapeError> {
         if let Self::Stl { unit_m, .. } = self {
-            if !(*unit_m > 0.0 && unit_m.is_finite()) {
-                return Err(ShapeError::Value { key: "unit_m", value: *unit_m, allowed: "above 0".to_owned() });
-            }
+            OutOfRange::unless_positive("unit_m", *unit_m)?;
             *self = Self::Mesh(stl::read(bytes, *unit_m)?);
         }
         Ok(())

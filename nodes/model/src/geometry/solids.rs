@@ -7,6 +7,7 @@ use nalgebra::{Point2, Point3};
 use serde::{Deserialize, Serialize};
 
 use super::shape::ShapeError;
+use crate::range::{OutOfRange, check_range};
 
 /// Sides of the polygon that stands for a circle. Its area is 0.2 % short.
 const CIRCLE_SIDES: u32 = 64;
@@ -114,18 +115,12 @@ impl Loop {
         };
         match self {
             Self::Circle { radius_m, centre_m } => {
-                positive("radius_m", *radius_m)?;
+                OutOfRange::unless_positive("radius_m", *radius_m)?;
                 counter_clockwise("circle", &regular(CIRCLE_SIDES, *radius_m, *centre_m))
             }
             Self::Regular { sides, inradius_m, centre_m } => {
-                positive("inradius_m", *inradius_m)?;
-                if !(3..=SIDES_MAX).contains(sides) {
-                    return Err(ShapeError::Value {
-                        key: "sides",
-                        value: (*sides).into(),
-                        allowed: format!("3 to {SIDES_MAX}"),
-                    });
-                }
+                OutOfRange::unless_positive("inradius_m", *inradius_m)?;
+                check_range("sides", (*sides).into(), 3.0, SIDES_MAX.into())?;
                 let circumradius_m = inradius_m / (TAU / f64::from(2 * sides)).cos();
                 counter_clockwise("regular", &regular(*sides, circumradius_m, *centre_m))
             }
@@ -134,17 +129,10 @@ impl Loop {
     }
 }
 
-fn positive(key: &'static str, value: f64) -> Result<(), ShapeError> {
-    if value.is_finite() && value > 0.0 {
-        return Ok(());
-    }
-    Err(ShapeError::Value { key, value, allowed: "above 0".to_owned() })
-}
-
 /// The corners of a closed line, counter-clockwise and without those that lie between their neighbours.
 fn counter_clockwise(key: &'static str, line: &[[f64; 2]]) -> Result<Vec<Point2<f64>>, ShapeError> {
-    if let Some(value) = line.iter().flatten().find(|value| !value.is_finite()) {
-        return Err(ShapeError::Value { key, value: *value, allowed: "finite numbers".to_owned() });
+    for value in line.iter().flatten() {
+        OutOfRange::unless(value.is_finite(), key, *value, "finite numbers")?;
     }
     let mut corners: Vec<Point2<f64>> = line.iter().copied().map(Point2::from).collect();
     corners.dedup();
@@ -162,13 +150,9 @@ fn counter_clockwise(key: &'static str, line: &[[f64; 2]]) -> Result<Vec<Point2<
         }
     }
     let doubled_area: f64 = super::outline::edges(&corners).map(|(a, b)| a.coords.perp(&b.coords)).sum();
-    if corners.len() < 3 || doubled_area == 0.0 {
-        return Err(ShapeError::Value {
-            key,
-            value: 0.5 * doubled_area.abs(),
-            allowed: "a line of three or more corners around an area".to_owned(),
-        });
-    }
+    let encloses = corners.len() >= 3 && doubled_area != 0.0;
+    let area_m2 = 0.5 * doubled_area.abs();
+    OutOfRange::unless(encloses, key, area_m2, "a line of three or more corners around an area")?;
     if doubled_area < 0.0 {
         corners.reverse();
     }
@@ -177,8 +161,8 @@ fn counter_clockwise(key: &'static str, line: &[[f64; 2]]) -> Result<Vec<Point2<
 
 /// Turns a counter-clockwise profile (r, z) about z.
 fn revolve(profile: &[Point2<f64>], soup: &mut Soup) -> Result<(), ShapeError> {
-    if let Some(corner) = profile.iter().find(|corner| corner.x < 0.0) {
-        return Err(ShapeError::Value { key: "profile_m", value: corner.x, allowed: "radii of 0 or more".to_owned() });
+    for corner in profile {
+        OutOfRange::unless(corner.x >= 0.0, "profile_m", corner.x, "radii of 0 or more")?;
     }
     // A ring of vertices for each corner, or one vertex where it lies on the axis.
     let rings: Vec<Vec<u32>> = profile
@@ -208,9 +192,8 @@ fn revolve(profile: &[Point2<f64>], soup: &mut Soup) -> Result<(), ShapeError> {
 
 fn extrude(outline: &Loop, holes: &[Loop], z_m: [f64; 2], soup: &mut Soup) -> Result<(), ShapeError> {
     let [bottom, top] = z_m;
-    if !(top > bottom && (top - bottom).is_finite()) {
-        return Err(ShapeError::Value { key: "z_m", value: top, allowed: format!("above its begin of {bottom} m") });
-    }
+    let rises = top > bottom && (top - bottom).is_finite();
+    OutOfRange::unless(rises, "z_m", top, format_args!("above its begin of {bottom} m"))?;
     let mut loops = vec![outline.corners()?];
     for hole in holes {
         let mut corners = hole.corners()?;

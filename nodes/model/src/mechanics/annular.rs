@@ -104,12 +104,12 @@ impl AnnularTrack {
         Self { tray, ..*self }
     }
 
-    /// Passes on a radius that lies on the tray.
+    /// Checks that a radius lies on the tray.
     ///
     /// # Errors
     ///
     /// If it does not lie between the walls.
-    pub fn check_radius(&self, radius_m: f64) -> Result<f64, OutOfRange> {
+    pub fn check_radius(&self, radius_m: f64) -> Result<(), OutOfRange> {
         let TrayGeometry { inner_radius_m, outer_radius_m, .. } = self.tray;
         OutOfRange::unless(
             radius_m >= inner_radius_m && radius_m <= outer_radius_m,

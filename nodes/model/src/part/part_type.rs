@@ -5,6 +5,7 @@ use thiserror::Error;
 
 use super::{DropTable, PartSpec};
 use crate::geometry::{PartMesh, PoseError, ShapeError, StablePose, stable_poses};
+use crate::range::{OutOfRange, check_range};
 
 /// How far a set of probabilities may be from summing to one.
 const PROBABILITY_TOLERANCE: f64 = 1e-6;
@@ -49,15 +50,8 @@ pub struct PartTypeError {
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum PartProblem {
     /// A number lies outside its range.
-    #[error("{key} = {value} is outside the allowed range {allowed}")]
-    OutOfRange {
-        /// The key, with indices where it is a list.
-        key: String,
-        /// The value found.
-        value: f64,
-        /// The range allowed.
-        allowed: String,
-    },
+    #[error(transparent)]
+    OutOfRange(#[from] OutOfRange),
     /// The shape is no body.
     #[error("shape: {0}")]
     Shape(#[from] ShapeError),
@@ -236,35 +230,27 @@ fn named(mut poses: Vec<StablePose>, spec: &PartSpec) -> Result<Vec<StablePose>,
     Ok(sorted)
 }
 
-fn check_numbers(spec: &PartSpec) -> Result<(), PartProblem> {
-    let out_of_range =
-        |key: &str, value: f64, allowed: String| Err(PartProblem::OutOfRange { key: key.to_owned(), value, allowed });
+fn check_numbers(spec: &PartSpec) -> Result<(), OutOfRange> {
     let positive = [
         ("density_kg_m3", spec.density_kg_m3),
         ("friction_static", spec.friction_static),
         ("friction_kinetic", spec.friction_kinetic),
     ];
     for (key, value) in positive {
-        if !(value.is_finite() && value > 0.0) {
-            return out_of_range(key, value, "(0, ∞)".to_owned());
-        }
+        OutOfRange::unless_positive(key, value)?;
     }
-    if spec.friction_kinetic > spec.friction_static {
-        let allowed = format!("(0, friction_static = {}]", spec.friction_static);
-        return out_of_range("friction_kinetic", spec.friction_kinetic, allowed);
-    }
-    if !(0.0..=1.0).contains(&spec.reflectance) {
-        return out_of_range("reflectance", spec.reflectance, "[0, 1]".to_owned());
-    }
-    Ok(())
+    OutOfRange::unless(
+        spec.friction_kinetic <= spec.friction_static,
+        "friction_kinetic",
+        spec.friction_kinetic,
+        format_args!("greater than 0, up to friction_static = {}", spec.friction_static),
+    )?;
+    check_range("reflectance", spec.reflectance, 0.0, 1.0)
 }
 
 fn check_distribution(key: &str, probabilities: &[f64]) -> Result<(), PartProblem> {
     for (index, &value) in probabilities.iter().enumerate() {
-        if !(0.0..=1.0).contains(&value) {
-            let key = format!("{key}[{index}]");
-            return Err(PartProblem::OutOfRange { key, value, allowed: "[0, 1]".to_owned() });
-        }
+        check_range("", value, 0.0, 1.0).map_err(|error| error.named(format!("{key}[{index}]")))?;
     }
     let sum: f64 = probabilities.iter().sum();
     if (sum - 1.0).abs() > PROBABILITY_TOLERANCE {

@@ -74,10 +74,9 @@ impl Waveform {
         let whole = (1..=PERIODS_MAX)
             .map(|n| f64::from(n) * period_s / sample_s)
             .find(|samples| (samples - samples.round()).abs() < 1e-9 * samples);
-        let samples = whole.ok_or_else(|| OutOfRange {
-            parameter: "sample_s",
-            value: sample_s,
-            allowed: format!("a whole number of samples in {PERIODS_MAX} periods of {period_s} s or fewer"),
+        let samples = whole.ok_or_else(|| {
+            let allowed = format_args!("a whole number of samples in {PERIODS_MAX} periods of {period_s} s or fewer");
+            OutOfRange::new("sample_s", sample_s, allowed)
         })?;
         let edges: Vec<f64> =
             (0u32..).map(f64::from).take_while(|&i| i <= samples.round()).map(|i| i * sample_s).collect();

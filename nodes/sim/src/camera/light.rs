@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-use feeder_model::camera::{InvalidValue, require};
+use feeder_model::range::OutOfRange;
 
 /// A lamp seen from one direction plus diffuse light from all round, unevenly spread over the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,21 +44,21 @@ impl LightModel {
     ///
     /// # Errors
     ///
-    /// [`InvalidValue`] naming the field out of range.
-    pub fn validate(&self) -> Result<(), InvalidValue> {
+    /// [`OutOfRange`] naming the field out of range.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
         let level_ok = (0.0..=1e4).contains(&self.white_level);
-        require(level_ok, "light.white_level", self.white_level, "0 to 1e4")?;
+        OutOfRange::unless(level_ok, "light.white_level", self.white_level, "0 to 1e4")?;
         let diffuse_ok = (0.0..=1.0).contains(&self.diffuse_ratio);
-        require(diffuse_ok, "light.diffuse_ratio", self.diffuse_ratio, "0 to 1")?;
-        require(self.azimuth_rad.is_finite(), "light.azimuth_rad", self.azimuth_rad, "a finite number")?;
+        OutOfRange::unless(diffuse_ok, "light.diffuse_ratio", self.diffuse_ratio, "0 to 1")?;
+        OutOfRange::unless(self.azimuth_rad.is_finite(), "light.azimuth_rad", self.azimuth_rad, "a finite number")?;
         let elevation_ok = (0.1..=std::f64::consts::FRAC_PI_2).contains(&self.elevation_rad);
-        require(elevation_ok, "light.elevation_rad", self.elevation_rad, "0.1 to π/2 rad")?;
+        OutOfRange::unless(elevation_ok, "light.elevation_rad", self.elevation_rad, "0.1 to π/2 rad")?;
         for (field, value) in [
             ("light.gradient_right_ratio", self.gradient_right_ratio),
             ("light.gradient_down_ratio", self.gradient_down_ratio),
             ("light.vignetting_ratio", self.vignetting_ratio),
         ] {
-            require(value.abs() <= 0.5, field, value, "-0.5 to 0.5")?;
+            OutOfRange::unless(value.abs() <= 0.5, field, value, "-0.5 to 0.5")?;
         }
         Ok(())
     }
@@ -134,8 +134,8 @@ mod tests {
     #[test]
     fn bad_light_is_refused_by_name() {
         let bad = LightModel { elevation_rad: 0.0, ..LightModel::default() };
-        assert_eq!(bad.validate().unwrap_err().field, "light.elevation_rad");
+        assert_eq!(bad.validate().unwrap_err().parameter, "light.elevation_rad");
         let bad = LightModel { white_level: f64::NAN, ..LightModel::default() };
-        assert_eq!(bad.validate().unwrap_err().field, "light.white_level");
+        assert_eq!(bad.validate().unwrap_err().parameter, "light.white_level");
     }
 }

@@ -8,7 +8,8 @@ use super::light::{LightModel, Shading};
 use super::relief::{Lamp, PathPoint, Relief, Sight, path};
 use super::render::{Scene, TrayShot};
 use super::solid::PartView;
-use feeder_model::camera::{CameraModel, InvalidValue, MountedTray, grey_level, require, single};
+use feeder_model::camera::{CameraModel, MountedTray, grey_level, single};
+use feeder_model::range::OutOfRange;
 
 /// Texels of a part's map per pixel.
 const TEXELS_PER_PX: f64 = 4.0;
@@ -91,7 +92,7 @@ impl PartPainter {
         }
     }
 
-    pub(crate) fn check(&self, part: &PartView) -> Result<(), InvalidValue> {
+    pub(crate) fn check(&self, part: &PartView) -> Result<(), OutOfRange> {
         for (field, value) in [
             ("part.x_m", part.x_m),
             ("part.y_m", part.y_m),
@@ -100,9 +101,9 @@ impl PartPainter {
             ("part.vx_m_s", part.vx_m_s),
             ("part.vy_m_s", part.vy_m_s),
         ] {
-            require(value.is_finite(), field, value, "a finite number")?;
+            OutOfRange::unless(value.is_finite(), field, value, "a finite number")?;
         }
-        require(part.pose < self.reliefs.len(), "part.pose", part.pose as f64, "an index of part.poses")
+        OutOfRange::unless(part.pose < self.reliefs.len(), "part.pose", part.pose as f64, "an index of part.poses")
     }
 
     pub(crate) fn paint(&self, shot: &TrayShot, exposure_s: f64, parts: &[PartView], pixels: &mut [u8]) {

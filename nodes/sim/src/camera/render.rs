@@ -9,7 +9,8 @@ use super::noise::NoiseTable;
 use super::parts::PartPainter;
 use super::tray::TrayPainter;
 use crate::camera::{LightModel, PartSolid, PartView, TrayAppearance};
-use feeder_model::camera::{CameraModel, InvalidValue, MountedTray, grey_level, require, single};
+use feeder_model::camera::{CameraModel, MountedTray, grey_level, single};
+use feeder_model::range::OutOfRange;
 
 /// The exposure for which [`LightModel::white_level`] is stated, s.
 const NOMINAL_EXPOSURE_S: f64 = 0.000_5;
@@ -39,12 +40,12 @@ impl SensorModel {
     ///
     /// # Errors
     ///
-    /// [`InvalidValue`] naming the field out of range.
-    pub fn validate(&self) -> Result<(), InvalidValue> {
+    /// [`OutOfRange`] naming the field out of range.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
         let sigma = self.noise_sigma_levels;
-        require((0.0..=40.0).contains(&sigma), "sensor.noise_sigma_levels", sigma, "0 to 40")?;
+        OutOfRange::unless((0.0..=40.0).contains(&sigma), "sensor.noise_sigma_levels", sigma, "0 to 40")?;
         let exposure_ok = (1e-6..=1.0).contains(&self.exposure_s);
-        require(exposure_ok, "sensor.exposure_s", self.exposure_s, "1e-6 to 1 s")
+        OutOfRange::unless(exposure_ok, "sensor.exposure_s", self.exposure_s, "1e-6 to 1 s")
     }
 }
 
@@ -70,9 +71,9 @@ impl Scene {
     ///
     /// # Errors
     ///
-    /// [`InvalidValue`] naming the field of the scene that is out of range, or the camera if it hangs lower than twice
+    /// [`OutOfRange`] naming the field of the scene that is out of range, or the camera if it hangs lower than twice
     /// the height of the tray's walls.
-    pub fn validate(&self) -> Result<(), InvalidValue> {
+    pub fn validate(&self) -> Result<(), OutOfRange> {
         self.tray.validate()?;
         self.tray_appearance.validate()?;
         self.part.validate()?;
@@ -80,7 +81,7 @@ impl Scene {
         self.sensor.validate()?;
         let height_m = self.camera.pose().height_m;
         let clears = height_m >= 2.0 * (self.tray.wall_top_m() + self.part.height_m_max());
-        require(clears, "camera.pose.height_m", height_m, "at least twice the height of the tray's walls")
+        OutOfRange::unless(clears, "camera.pose.height_m", height_m, "at least twice the height of the tray's walls")
     }
 }
 
@@ -131,7 +132,7 @@ impl Renderer {
     /// # Errors
     ///
     /// As [`Scene::validate`].
-    pub fn new(scene: &Scene) -> Result<Self, InvalidValue> {
+    pub fn new(scene: &Scene) -> Result<Self, OutOfRange> {
         scene.validate()?;
         let mut scene = scene.clone();
         scene.light.white_level *= scene.sensor.exposure_s / NOMINAL_EXPOSURE_S;
@@ -149,14 +150,14 @@ impl Renderer {
     ///
     /// # Errors
     ///
-    /// [`InvalidValue`] if a part lies in a resting pose that the scene does not know, or at no finite place.
+    /// [`OutOfRange`] if a part lies in a resting pose that the scene does not know, or at no finite place.
     pub fn render(
         &self,
         shot: &TrayShot,
         parts: &[PartView],
         noise: &mut impl Rng,
         image: &mut GrayImage,
-    ) -> Result<(), InvalidValue> {
+    ) -> Result<(), OutOfRange> {
         for part in parts {
             self.parts.check(part)?;
         }
@@ -398,21 +399,21 @@ mod tests {
     fn bad_scenes_and_parts_are_refused_by_name() {
         let mut low = scene("grommet", 2.0);
         low.tray.floor_height_m = 0.4;
-        assert_eq!(Renderer::new(&low).unwrap_err().field, "camera.pose.height_m");
+        assert_eq!(Renderer::new(&low).unwrap_err().parameter, "camera.pose.height_m");
         let mut noisy = scene("grommet", f64::NAN);
-        assert_eq!(Renderer::new(&noisy).unwrap_err().field, "sensor.noise_sigma_levels");
+        assert_eq!(Renderer::new(&noisy).unwrap_err().parameter, "sensor.noise_sigma_levels");
         noisy.sensor = SensorModel { exposure_s: 0.0, ..SensorModel::default() };
-        assert_eq!(Renderer::new(&noisy).unwrap_err().field, "sensor.exposure_s");
+        assert_eq!(Renderer::new(&noisy).unwrap_err().parameter, "sensor.exposure_s");
         noisy.sensor = SensorModel::default();
         noisy.part.poses.clear();
-        assert_eq!(Renderer::new(&noisy).unwrap_err().field, "part.poses");
+        assert_eq!(Renderer::new(&noisy).unwrap_err().parameter, "part.poses");
         let renderer = Renderer::new(&scene("grommet", 2.0)).unwrap();
         let shoot = |view: PartView| {
             let mut image = GrayImage::default();
             renderer.render(&under_camera(), &[view], &mut Pcg64Mcg::seed_from_u64(1), &mut image)
         };
-        assert_eq!(shoot(part(0.06, 4.0, 9)).unwrap_err().field, "part.pose");
-        assert_eq!(shoot(PartView { x_m: f64::NAN, ..part(0.06, 4.0, 0) }).unwrap_err().field, "part.x_m");
+        assert_eq!(shoot(part(0.06, 4.0, 9)).unwrap_err().parameter, "part.pose");
+        assert_eq!(shoot(PartView { x_m: f64::NAN, ..part(0.06, 4.0, 0) }).unwrap_err().parameter, "part.x_m");
         // Out of view is no error.
         assert_eq!(shoot(PartView { x_m: 3.0, ..part(0.06, 4.0, 0) }), Ok(()));
     }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use feeder_model::camera::{InvalidValue, require};
+use feeder_model::range::OutOfRange;
 
 /// How bright the fixed surfaces are: the share of light that comes back from each.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -43,8 +43,8 @@ impl TrayAppearance {
     ///
     /// # Errors
     ///
-    /// [`InvalidValue`] naming the field out of range.
-    pub fn validate(&self) -> Result<(), InvalidValue> {
+    /// [`OutOfRange`] naming the field out of range.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
         for (field, value) in [
             ("tray.surface_reflectance", self.surface_reflectance),
             ("tray.wall_reflectance", self.wall_reflectance),
@@ -53,10 +53,10 @@ impl TrayAppearance {
             ("tray.tooth_reflectance", self.tooth_reflectance),
             ("tray.mottling_ratio", self.mottling_ratio),
         ] {
-            require((0.0..=1.0).contains(&value), field, value, "0 to 1")?;
+            OutOfRange::unless((0.0..=1.0).contains(&value), field, value, "0 to 1")?;
         }
         let pitch_ok = (1e-4..=0.1).contains(&self.tooth_pitch_m);
-        require(pitch_ok, "tray.tooth_pitch_m", self.tooth_pitch_m, "1e-4 to 0.1 m")
+        OutOfRange::unless(pitch_ok, "tray.tooth_pitch_m", self.tooth_pitch_m, "1e-4 to 0.1 m")
     }
 }
 
@@ -67,6 +67,6 @@ mod tests {
     #[test]
     fn a_bad_appearance_is_refused_by_name() {
         let dark = TrayAppearance { surface_reflectance: -0.1, ..TrayAppearance::default() };
-        assert_eq!(dark.validate().unwrap_err().field, "tray.surface_reflectance");
+        assert_eq!(dark.validate().unwrap_err().parameter, "tray.surface_reflectance");
     }
 }

@@ -2,8 +2,8 @@
 
 use nalgebra::UnitQuaternion;
 
-use feeder_model::camera::{InvalidValue, require};
 use feeder_model::geometry::{PartMesh, StablePose};
+use feeder_model::range::OutOfRange;
 
 /// A part as a solid that lies in one of some poses.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,11 +32,11 @@ impl PartSolid {
     ///
     /// # Errors
     ///
-    /// [`InvalidValue`] naming the field out of range.
-    pub fn validate(&self) -> Result<(), InvalidValue> {
-        require(!self.poses.is_empty(), "part.poses", 0.0, "at least one")?;
+    /// [`OutOfRange`] naming the field out of range.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
+        OutOfRange::unless(!self.poses.is_empty(), "part.poses", 0.0, "at least one")?;
         let reach_m = self.mesh.radius_m();
-        require((2.5e-4..=0.1).contains(&reach_m), "part.radius_m", reach_m, "2.5e-4 to 0.1 m")
+        OutOfRange::unless((2.5e-4..=0.1).contains(&reach_m), "part.radius_m", reach_m, "2.5e-4 to 0.1 m")
     }
 
     /// Height of the highest point in any pose, m.

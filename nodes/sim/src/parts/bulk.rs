@@ -10,9 +10,10 @@ use super::impulse::ContactLaw;
 use super::placement::{LandingZone, LoadingBand, is_free, random_pose, random_yaw_rad};
 use super::touch::{Scratch, touch};
 use super::track::Track;
-use crate::parts::{BulkError, BulkSettings, MotionError, Part, PickedPart, Place, motion_check, settings};
+use crate::parts::{BulkSettings, Part, PickedPart, Place, motion_check, settings};
 use feeder_model::motion::MotionBlock;
 use feeder_model::part::PartType;
+use feeder_model::range::OutOfRange;
 use feeder_model::tray::TrayGeometry;
 
 /// What has happened to the parts since the bulk was made.
@@ -96,7 +97,7 @@ impl PartBulk {
     ///
     /// # Errors
     /// If the tray's geometry, the part's size or a setting is out of range.
-    pub fn new(tray: TrayGeometry, part: PartType, settings: BulkSettings, seed: u64) -> Result<Self, BulkError> {
+    pub fn new(tray: TrayGeometry, part: PartType, settings: BulkSettings, seed: u64) -> Result<Self, OutOfRange> {
         settings::check_fit(&tray, &part)?;
         settings.check(&tray, &part)?;
         let track = Track::new(&tray, &part, &settings);
@@ -174,7 +175,7 @@ impl PartBulk {
     ///
     /// # Errors
     /// If the block holds a value that is not finite or beyond what a tray can do. Nothing has moved then.
-    pub fn step(&mut self, block: &MotionBlock) -> Result<(), MotionError> {
+    pub fn step(&mut self, block: &MotionBlock) -> Result<(), OutOfRange> {
         motion_check::check(block)?;
         for sample in &block.samples {
             self.step_sample(sample, block.sample_period_s);

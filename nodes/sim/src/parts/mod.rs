@@ -33,8 +33,7 @@ mod track;
 pub use bulk::{Counters, Loaded, PartBulk, PutError};
 pub use motion_check::{
     LARGEST_ACCELERATION_M_S2, LARGEST_YAW_ACCELERATION_RAD_S2, LARGEST_YAW_RATE_RAD_S, LONGEST_SAMPLE_PERIOD_S,
-    MotionError,
 };
 pub use observer::{Departure, FeedObserver, FeedReport, Sighting};
 pub use part::{Part, PickedPart, Place};
-pub use settings::{BulkError, BulkSettings, check_fit};
+pub use settings::{BulkSettings, check_fit};

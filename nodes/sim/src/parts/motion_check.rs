@@ -1,8 +1,7 @@
 //! Which tray motion the bulk accepts.
 
-use thiserror::Error;
-
 use feeder_model::motion::{MotionBlock, MotionSample};
+use feeder_model::range::{OutOfRange, check_range};
 
 /// Longest time between samples, s: more would let parts pass walls and each other.
 pub const LONGEST_SAMPLE_PERIOD_S: f64 = 0.01;
@@ -16,41 +15,21 @@ pub const LARGEST_YAW_ACCELERATION_RAD_S2: f64 = 10_000.0;
 /// Largest yaw rate of the tray, rad/s.
 pub const LARGEST_YAW_RATE_RAD_S: f64 = 100.0;
 
-/// Why a block of tray motion was refused. Nothing has moved then.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum MotionError {
-    /// The sample period is no usable time.
-    #[error("tray motion: sample_period_s = {value} is outside the allowed range (0, {LONGEST_SAMPLE_PERIOD_S}] s")]
-    SamplePeriod {
-        /// The value found.
-        value: f64,
-    },
-    /// A component of a sample is not finite or beyond what a tray can do.
-    #[error("tray motion: samples[{index}].{component} = {value} is outside the allowed range [-{limit}, {limit}]")]
-    Sample {
-        /// Index of the sample in its block.
-        index: usize,
-        /// Which component.
-        component: &'static str,
-        /// The value found.
-        value: f64,
-        /// Largest magnitude allowed.
-        limit: f64,
-    },
-}
-
-pub(super) fn check(block: &MotionBlock) -> Result<(), MotionError> {
+pub(super) fn check(block: &MotionBlock) -> Result<(), OutOfRange> {
     let period_s = block.sample_period_s;
-    if !(period_s > 0.0 && period_s <= LONGEST_SAMPLE_PERIOD_S) {
-        return Err(MotionError::SamplePeriod { value: period_s });
-    }
+    OutOfRange::unless(
+        period_s > 0.0 && period_s <= LONGEST_SAMPLE_PERIOD_S,
+        "tray motion sample_period_s",
+        period_s,
+        format_args!("above 0, up to {LONGEST_SAMPLE_PERIOD_S} s"),
+    )?;
     for (index, sample) in block.samples.iter().enumerate() {
         check_sample(index, sample)?;
     }
     Ok(())
 }
 
-fn check_sample(index: usize, sample: &MotionSample) -> Result<(), MotionError> {
+fn check_sample(index: usize, sample: &MotionSample) -> Result<(), OutOfRange> {
     let components = [
         ("position.x", sample.position.x, f64::MAX),
         ("position.y", sample.position.y, f64::MAX),
@@ -63,9 +42,8 @@ fn check_sample(index: usize, sample: &MotionSample) -> Result<(), MotionError> 
         ("acceleration.yaw", sample.acceleration.z, LARGEST_YAW_ACCELERATION_RAD_S2),
     ];
     for (component, value, limit) in components {
-        if !value.is_finite() || value.abs() > limit {
-            return Err(MotionError::Sample { index, component, value, limit });
-        }
+        check_range(component, value, -limit, limit)
+            .map_err(|error| error.named(format!("tray motion samples[{index}].{component}")))?;
     }
     Ok(())
 }
@@ -81,15 +59,14 @@ mod tests {
         block.samples[2].acceleration.x = 2000.0;
         assert_eq!(
             check(&block).unwrap_err().to_string(),
-            "tray motion: samples[2].acceleration.x = 2000 is outside the allowed range [-1000, 1000]"
+            "tray motion samples[2].acceleration.x = 2000 is outside its range: -1000 to 1000"
         );
         block.samples[1].velocity.z = f64::NAN;
-        let error = check(&block).unwrap_err();
-        assert!(matches!(error, MotionError::Sample { index: 1, component: "velocity.yaw", .. }));
+        assert_eq!(check(&block).unwrap_err().parameter, "tray motion samples[1].velocity.yaw");
         block.sample_period_s = 0.0;
         assert_eq!(
             check(&block).unwrap_err().to_string(),
-            "tray motion: sample_period_s = 0 is outside the allowed range (0, 0.01] s"
+            "tray motion sample_period_s = 0 is outside its range: above 0, up to 0.01 s"
         );
     }
 }

@@ -3,9 +3,9 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 use feeder_model::part::PartType;
+use feeder_model::range::OutOfRange;
 use feeder_model::tray::TrayGeometry;
 
 /// Largest outer radius of a tray, m.
@@ -60,59 +60,60 @@ impl Default for BulkSettings {
     }
 }
 
-/// Why tray, part and settings do not go together.
-#[derive(Clone, Debug, PartialEq, Error)]
-#[error("{key} = {value} is outside the allowed range {allowed}")]
-pub struct BulkError {
-    /// The key, prefixed by `tray.` or `bulk.`, or what the number is.
-    pub key: &'static str,
-    /// The value found.
-    pub value: f64,
-    /// The range allowed, and why where it depends on another value.
-    pub allowed: String,
-}
-
-fn require(allowed: bool, key: &'static str, value: f64, range: impl FnOnce() -> String) -> Result<(), BulkError> {
-    if allowed && value.is_finite() { Ok(()) } else { Err(BulkError { key, value, allowed: range() }) }
-}
-
 /// Checks that a tray is one and that parts fit onto its path.
 ///
 /// # Errors
 /// What is out of range.
-pub fn check_fit(tray: &TrayGeometry, part: &PartType) -> Result<(), BulkError> {
+pub fn check_fit(tray: &TrayGeometry, part: &PartType) -> Result<(), OutOfRange> {
     let inner = tray.inner_radius_m;
-    require(inner > 0.0, "tray.inner_radius_m", inner, || "(0, ∞) m".to_owned())?;
+    OutOfRange::unless(inner > 0.0, "tray.inner_radius_m", inner, "(0, ∞) m")?;
     let outer = tray.outer_radius_m;
-    require(outer > inner && outer <= LARGEST_TRAY_M, "tray.outer_radius_m", outer, || {
-        format!("(tray.inner_radius_m = {inner}, {LARGEST_TRAY_M}] m")
-    })?;
+    OutOfRange::unless(
+        outer > inner && outer <= LARGEST_TRAY_M,
+        "tray.outer_radius_m",
+        outer,
+        format_args!("(tray.inner_radius_m = {inner}, {LARGEST_TRAY_M}] m"),
+    )?;
     let rise = tray.rise_m;
-    require(rise > 0.0, "tray.rise_m", rise, || "(0, ∞) m".to_owned())?;
+    OutOfRange::unless(rise > 0.0, "tray.rise_m", rise, "(0, ∞) m")?;
     // Which side of the ramp's ends a part lies on is told by quadrants, so neither surface may span more than three.
     let ramp = tray.ramp_angle_rad;
-    require((FRAC_PI_2..=1.5 * PI).contains(&ramp), "tray.ramp_angle_rad", ramp, || {
-        format!("[{FRAC_PI_2}, {}] rad", 1.5 * PI)
-    })?;
+    OutOfRange::unless(
+        (FRAC_PI_2..=1.5 * PI).contains(&ramp),
+        "tray.ramp_angle_rad",
+        ramp,
+        format_args!("[{FRAC_PI_2}, {}] rad", 1.5 * PI),
+    )?;
     let (path, across) = (outer - inner, 2.0 * part.outline_radius_m());
-    require(across < path, "the part's largest width", across, || {
-        format!("(0, {path}) m, the width of the tray's path")
-    })?;
+    OutOfRange::unless(
+        across < path,
+        "the part's largest width",
+        across,
+        format_args!("(0, {path}) m, the width of the tray's path"),
+    )?;
     let height = part.height_max_m();
-    require(height < rise, "the part's largest height", height, || format!("(0, {rise}) m, the height of the drop-off"))
+    OutOfRange::unless(
+        height < rise,
+        "the part's largest height",
+        height,
+        format_args!("(0, {rise}) m, the height of the drop-off"),
+    )
 }
 
 impl BulkSettings {
-    pub(super) fn check(&self, tray: &TrayGeometry, part: &PartType) -> Result<(), BulkError> {
+    pub(super) fn check(&self, tray: &TrayGeometry, part: &PartType) -> Result<(), OutOfRange> {
         let outermost = tray.outer_radius_m - part.outline_radius_m();
         let inner = self.loading_inner_radius_m.unwrap_or(0.0);
-        require((0.0..outermost).contains(&inner), "bulk.loading_inner_radius_m", inner, || {
-            format!("[0, {outermost}) m, for the part's centre inside the outer wall")
-        })?;
+        OutOfRange::unless(
+            (0.0..outermost).contains(&inner),
+            "bulk.loading_inner_radius_m",
+            inner,
+            format_args!("[0, {outermost}) m, for the part's centre inside the outer wall"),
+        )?;
         let shares =
             [("bulk.part_restitution", self.part_restitution), ("bulk.wall_restitution", self.wall_restitution)];
         for (key, value) in shares {
-            require((0.0..=1.0).contains(&value), key, value, || "[0, 1]".to_owned())?;
+            OutOfRange::unless((0.0..=1.0).contains(&value), key, value, "[0, 1]")?;
         }
         let not_negative = [
             ("bulk.critical_radius_m", self.critical_radius_m.unwrap_or(0.0), "[0, ∞) m"),
@@ -122,14 +123,19 @@ impl BulkSettings {
             ("bulk.landing_scatter_m", self.landing_scatter_m, "[0, ∞) m"),
         ];
         for (key, value, range) in not_negative {
-            require(value >= 0.0, key, value, || range.to_owned())?;
+            OutOfRange::unless(value >= 0.0, key, value, range)?;
         }
         let time = self.stranding_time_s;
-        require(time > 0.0, "bulk.stranding_time_s", time, || "(0, ∞) s".to_owned())?;
+        OutOfRange::unless(time > 0.0, "bulk.stranding_time_s", time, "(0, ∞) s")?;
         // The part has to lie on the ramp, clear of the drop-off's face.
         let longest = tray.inner_radius_m * tray.ramp_angle_rad.min(TAU / 8.0);
         let length = self.landing_length_m;
-        require((0.0..=longest).contains(&length), "bulk.landing_length_m", length, || format!("[0, {longest}] m"))
+        OutOfRange::unless(
+            (0.0..=longest).contains(&length),
+            "bulk.landing_length_m",
+            length,
+            format_args!("[0, {longest}] m"),
+        )
     }
 }
 
@@ -155,32 +161,32 @@ mod tests {
         };
         assert_eq!(
             message(|settings| settings.loading_inner_radius_m = Some(0.089)),
-            "bulk.loading_inner_radius_m = 0.089 is outside the allowed range [0, 0.088) m, \
+            "bulk.loading_inner_radius_m = 0.089 is outside its range: [0, 0.088) m, \
              for the part's centre inside the outer wall"
         );
         assert_eq!(
             message(|settings| settings.wall_restitution = 1.5),
-            "bulk.wall_restitution = 1.5 is outside the allowed range [0, 1]"
+            "bulk.wall_restitution = 1.5 is outside its range: [0, 1]"
         );
         assert_eq!(
             message(|settings| settings.settling_time_s = f64::INFINITY),
-            "bulk.settling_time_s = inf is outside the allowed range [0, ∞) s"
+            "bulk.settling_time_s = inf is outside its range: [0, ∞) s"
         );
         assert_eq!(
             message(|settings| settings.stranding_time_s = f64::NAN),
-            "bulk.stranding_time_s = NaN is outside the allowed range (0, ∞) s"
+            "bulk.stranding_time_s = NaN is outside its range: (0, ∞) s"
         );
     }
 
     #[test]
     fn a_part_wider_than_the_path_or_higher_than_the_drop_is_refused() {
         let wide = check_fit(&TrayGeometry::PAPER, &disc(0.061, 0.2)).unwrap_err();
-        assert_eq!(wide.key, "the part's largest width");
+        assert_eq!(wide.parameter, "the part's largest width");
         let flat = TrayGeometry { rise_m: 0.0005, ..TrayGeometry::PAPER };
         let high = check_fit(&flat, &disc(0.005, 0.2)).unwrap_err();
-        assert_eq!(high.key, "the part's largest height");
+        assert_eq!(high.parameter, "the part's largest height");
         let steep = TrayGeometry { ramp_angle_rad: 5.0, ..TrayGeometry::PAPER };
         let error = check_fit(&steep, &disc(0.005, 0.2)).unwrap_err();
-        assert_eq!((error.key, error.value), ("tray.ramp_angle_rad", 5.0));
+        assert_eq!((&*error.parameter, error.value), ("tray.ramp_angle_rad", 5.0));
     }
 }

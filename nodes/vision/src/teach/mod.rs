@@ -12,7 +12,8 @@ use super::template::{Aspect, PartModel, Plane, SIDE_MAX, period_rad, texel_plac
 use super::view::{RayTable, View};
 use super::{ImageFault, require_above};
 use exam::Exam;
-use feeder_model::camera::{CameraModel, InvalidValue, MountedTray, require, single};
+use feeder_model::camera::{CameraModel, MountedTray, single};
+use feeder_model::range::OutOfRange;
 
 /// Room left round a part in its template, px.
 const MARGIN_PX: f64 = 4.0;
@@ -76,7 +77,7 @@ pub struct TeachSpec {
 pub enum TeachError {
     /// A number out of range.
     #[error(transparent)]
-    Value(#[from] InvalidValue),
+    Value(#[from] OutOfRange),
     /// A picture that cannot be used.
     #[error("teaching frame {index}")]
     Frame {
@@ -133,15 +134,20 @@ pub fn teach(
 ) -> Result<PartModel, TeachError> {
     tray.validate()?;
     require_above(camera, tray)?;
-    require(!spec.poses.is_empty(), "teach.poses", 0.0, "at least one")?;
+    OutOfRange::unless(!spec.poses.is_empty(), "teach.poses", 0.0, "at least one")?;
     for pose in &spec.poses {
-        require((0.0..=0.1).contains(&pose.height_m), "teach.poses.height_m", pose.height_m, "0 to 0.1 m")?;
+        OutOfRange::unless((0.0..=0.1).contains(&pose.height_m), "teach.poses.height_m", pose.height_m, "0 to 0.1 m")?;
         let side = 2.0 * (pose.radius_m() / camera.m_per_px(tray.plateau_height_m()) + MARGIN_PX) + 1.0;
         let radius_ok = pose.radius_m() > 0.0 && side <= SIDE_MAX as f64;
-        require(radius_ok, "teach.poses.outline_m", pose.radius_m(), "a reach above 0, and at most 75 px")?;
+        OutOfRange::unless(radius_ok, "teach.poses.outline_m", pose.radius_m(), "a reach above 0, and at most 75 px")?;
     }
     for part in frames.iter().flat_map(|frame| frame.parts) {
-        require(part.pose < spec.poses.len(), "teach.parts.pose", part.pose as f64, "an index of teach.poses")?;
+        OutOfRange::unless(
+            part.pose < spec.poses.len(),
+            "teach.parts.pose",
+            part.pose as f64,
+            "an index of teach.poses",
+        )?;
     }
     let mut lesson = Lesson { camera, tray, rays: RayTable::new(camera), segmentation: Segmentation::default(), spec };
     let (taught, plateau) = lesson.plateau(frames)?;

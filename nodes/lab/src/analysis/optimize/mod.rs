@@ -7,9 +7,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::design::Effort;
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use clap::{Args as ClapArgs, Subcommand};
 use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
+use feeder_model::range::OutOfRange;
 use serde::Serialize;
 
 /// Find the best waveform, or the best tray together with its waveform.
@@ -76,10 +77,7 @@ impl FrictionRange {
     /// The coefficients a robust design is made for: the ends of the interval, its middle, and between.
     fn robust(&self) -> Result<Vec<f64>> {
         let Self { mu, mu_tolerance, .. } = *self;
-        ensure!(
-            (0.0..1.0).contains(&mu_tolerance),
-            "--mu-tolerance = {mu_tolerance} is outside its range: 0 ≤ tolerance < 1"
-        );
+        OutOfRange::unless((0.0..1.0).contains(&mu_tolerance), "--mu-tolerance", mu_tolerance, "0 to below 1")?;
         Ok([-1.0, -0.5, 0.0, 0.5, 1.0].map(|share| mu * (1.0 + share * mu_tolerance)).to_vec())
     }
 }
