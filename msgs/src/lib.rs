@@ -13,6 +13,8 @@
 //! assert_eq!(Quaternion::default().w, 1.0);
 //! ```
 
+pub mod interface;
+
 use std::fmt::Debug;
 
 use serde::{Serialize, de::DeserializeOwned};

@@ -15,6 +15,7 @@ use feeder_runtime::node::{
 use feeder_runtime::parameters::Range;
 use feeder_runtime::testing::TestDomain;
 use minifactory_msgs::action::{DeliverPart, DeliverPartFeedback, DeliverPartResult};
+use minifactory_msgs::interface::{ActionSpec, Namespace, ServiceSpec};
 use minifactory_msgs::srv::{ReportHandover, ReportHandoverRequest, ReportHandoverResponse};
 use serde::{Deserialize, Serialize};
 
@@ -61,6 +62,10 @@ struct Running {
     steps: Option<u32>,
 }
 
+const REPORT: ServiceSpec<ReportHandover> =
+    ServiceSpec::new(Namespace::Own(""), "report").between(&[Echo::NAME], &[], "");
+const DELIVER: ActionSpec<DeliverPart> = ActionSpec::new(Namespace::Own(""), "deliver").between(&[Echo::NAME], &[], "");
+
 impl FeederNode for Echo {
     const NAME: &'static str = "echo";
     type Config = EchoConfig;
@@ -75,7 +80,7 @@ impl FeederNode for Echo {
     }
 
     fn declare(io: &mut Declare, _: &EchoConfig) -> Self::Ports {
-        (io.server("report"), io.action_server("deliver"))
+        (io.server(&REPORT), io.action_server(&DELIVER))
     }
 
     fn open((report, deliver): Self::Ports, _: &EchoConfig) -> Result<Self, NodeError> {

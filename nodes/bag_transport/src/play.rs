@@ -14,9 +14,9 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
-use feeder_runtime::dds::{DdsError, Participant, Qos, Reader, Writer};
+use feeder_runtime::dds::{DdsError, Participant, Reader, Writer};
 use feeder_runtime::node::{ns_of_stamp, stamp_of_ns};
-use minifactory_msgs::Message as _;
+use minifactory_msgs::interface::standard::CLOCK;
 use minifactory_msgs::rosgraph_msgs::msg::Clock;
 
 pub use control::{Control, Done};
@@ -30,8 +30,6 @@ use outlets::Outlets;
 use source::Source;
 use timeline::Timeline;
 
-/// The topic of time.
-const CLOCK: &str = "/clock";
 /// How long reliable readers may take to acknowledge the last messages.
 const LAST_WORD_LIMIT: Duration = Duration::from_secs(2);
 /// Longest wait for a control or for time to pass.
@@ -118,7 +116,7 @@ impl Player {
     ) -> Result<Self, PlayError> {
         let mut settings = settings;
         if settings.clock_hz.is_some() || settings.follow_clock {
-            settings.selection.exclude_topics.push(CLOCK.to_owned());
+            settings.selection.exclude_topics.push(CLOCK.name_in(""));
         }
         let Some((first_ns, last_ns)) = bag.bounds_ns() else {
             return Err(PlayError::Nothing("the bag holds no message".to_owned()));
@@ -133,13 +131,12 @@ impl Player {
         if outlets.topics().is_empty() {
             return Err(PlayError::Nothing("no topic is chosen".to_owned()));
         }
-        let clock_type = Clock::INFO.dds_type();
-        let clock = settings.clock_hz.map(|_| participant.writer(CLOCK, &clock_type, &Qos::sensor())).transpose()?;
+        let clock = settings.clock_hz.map(|_| participant.topic_writer(&CLOCK, "")).transpose()?;
         let followed = settings
             .follow_clock
             .then(|| {
                 let sender = sender.clone();
-                participant.reader(CLOCK, &clock_type, &Qos::sensor(), move |sample| {
+                participant.topic_reader(&CLOCK, "", move |sample| {
                     if let Ok(Clock { clock }) = sample.decode() {
                         // A closed inbox belongs to a player that has ended.
                         let _ = sender.send(Control::Time(ns_of_stamp(&clock)));

@@ -10,12 +10,12 @@ use std::time::Duration;
 use feeder_control::courier::{Commander, DriverEvent, DriverStatus, GoalHandle, Rejection, VibrationPhase};
 use feeder_model::motion::MotionBlock;
 use feeder_model::seed::seed_for;
-use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{
-    ActionServer, ActionServerPorts, Declare, FeederNode, GoalId, GoalRequest, Latency, Lifecycle, LifecyclePorts,
+    ActionServer, ActionServerPorts, Declare, FeederNode, GoalId, GoalRequest, Lifecycle, LifecyclePorts,
     LifecycleState, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber,
 };
 use feeder_scenario::{Scenario, SimulatedDriver};
+use feeder_wire::{nodes, services, topics};
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectory, FollowJointTrajectoryResult};
 use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
 use minifactory_msgs::msg::{self, CourierState, DeliveryState, TrayMotion};
@@ -80,7 +80,7 @@ pub struct CourierDriver {
 }
 
 impl FeederNode for CourierDriver {
-    const NAME: &'static str = "courier_driver";
+    const NAME: &'static str = nodes::COURIER_DRIVER;
     type Config = Scenario;
     type Ports = Ports;
 
@@ -96,23 +96,23 @@ impl FeederNode for CourierDriver {
         Ports {
             lifecycle: io.lifecycle(Self::NAME),
             topics: Topics {
-                waveform: io.subscriber("waveform", Latency::Forward, Qos::latched()),
-                delivery_state: io.subscriber("delivery_state", Latency::Feedback, Qos::command()),
-                motion: io.publisher("tray_motion", Qos::command()),
-                odometry: io.publisher("odometry", Qos::command()),
-                joint_states: io.publisher("joint_states", Qos::command()),
-                state: io.publisher("courier_state", Qos::command()),
-                diagnostics: io.publisher("/diagnostics", Qos::command()),
-                tf: io.publisher("/tf", Qos::command()),
-                tf_static: io.publisher("/tf_static", Qos::latched()),
+                waveform: io.subscriber(&topics::WAVEFORM),
+                delivery_state: io.subscriber(&topics::DELIVERY_STATE),
+                motion: io.publisher(&topics::TRAY_MOTION),
+                odometry: io.publisher(&topics::ODOMETRY),
+                joint_states: io.publisher(&topics::JOINT_STATES),
+                state: io.publisher(&topics::COURIER_STATE),
+                diagnostics: io.publisher(&topics::DIAGNOSTICS),
+                tf: io.publisher(&topics::TF),
+                tf_static: io.publisher(&topics::TF_STATIC),
             },
             services: Services {
-                halt: io.server("halt"),
-                home: io.server("home"),
-                emergency_stop: io.server("emergency_stop"),
-                reset_fault: io.server("reset_fault"),
+                halt: io.server(&services::HALT),
+                home: io.server(&services::HOME),
+                emergency_stop: io.server(&services::EMERGENCY_STOP),
+                reset_fault: io.server(&services::RESET_FAULT),
             },
-            trajectory: io.action_server("follow_joint_trajectory"),
+            trajectory: io.action_server(&services::FOLLOW_JOINT_TRAJECTORY),
         }
     }
 

@@ -1,7 +1,8 @@
 //! What the feeder tells other agents about itself.
 
 use feeder_model::part::PartType;
-use feeder_scenario::{PLATEN_NAMESPACE, Scenario};
+use feeder_scenario::Scenario;
+use feeder_wire::services;
 use minifactory_msgs::geometry_msgs::msg::Point;
 use minifactory_msgs::msg::{Factsheet, Recipe, StationFact};
 
@@ -47,6 +48,6 @@ pub(crate) fn of(config: &Scenario, part: &PartType) -> Factsheet {
         footprint_radius_m: delivery.footprint_radius_m,
         speed_m_s_max: limits.speed_m_s_max,
         acceleration_m_s2_max: by_friction_m_s2.min(by_motor_m_s2),
-        reserve_area: if delivery.arbitrated { format!("{PLATEN_NAMESPACE}/reserve_area") } else { String::new() },
+        reserve_area: if delivery.arbitrated { services::RESERVE_AREA.name_in("") } else { String::new() },
     }
 }

@@ -12,13 +12,13 @@ use std::time::Duration;
 use feeder_control::delivery::{CourierReport, DeliveryId, DeliverySequencer, MoveId, Output, ReserveId};
 use feeder_model::seed::generator;
 use feeder_model::waveform::Waveform;
-use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, Asker, CallId, Client, ClientEvent, Declare,
-    FeederNode, GoalEnd, GoalId, Latency, NodeError, Publisher, Server, StepIo, Subscriber, ns_of_stamp,
+    FeederNode, GoalEnd, GoalId, NodeError, Publisher, Server, StepIo, Subscriber, ns_of_stamp,
 };
-use feeder_scenario::{PLATEN_NAMESPACE, Scenario};
+use feeder_scenario::Scenario;
 use feeder_wire::pose::yaw_of_quaternion;
+use feeder_wire::{nodes, services, topics};
 use minifactory_msgs::action::DeliverPart;
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectory, FollowJointTrajectoryResult};
 use minifactory_msgs::msg::{CourierState, DeliveryState, Factsheet, FeederState};
@@ -112,7 +112,7 @@ struct Open {
 }
 
 impl FeederNode for DeliveryPlanner {
-    const NAME: &'static str = "delivery_planner";
+    const NAME: &'static str = nodes::DELIVERY_PLANNER;
     type Config = Scenario;
     type Ports = Ports;
 
@@ -126,25 +126,25 @@ impl FeederNode for DeliveryPlanner {
 
     fn declare(io: &mut Declare, config: &Scenario) -> Ports {
         let plain = Plain {
-            candidates: io.subscriber("candidates", Latency::Forward, Qos::command()),
-            odometry: io.subscriber("odometry", Latency::Forward, Qos::command()),
-            courier_state: io.subscriber("courier_state", Latency::Forward, Qos::command()),
-            set_feeding: io.client("set_feeding", Latency::Feedback),
-            set_waveform: io.client("set_waveform", Latency::Feedback),
-            handover: io.server("report_handover"),
-            purge: io.server("purge"),
-            change_recipe: io.server("change_recipe"),
-            reset: io.server("reset"),
-            delivery_state: io.publisher("delivery_state", Qos::command()),
-            state: io.publisher("state", Qos::latched()),
-            factsheet: io.publisher("factsheet", Qos::latched()),
+            candidates: io.subscriber(&topics::CANDIDATES),
+            odometry: io.subscriber(&topics::ODOMETRY),
+            courier_state: io.subscriber(&topics::COURIER_STATE),
+            set_feeding: io.client(&services::SET_FEEDING),
+            set_waveform: io.client(&services::SET_WAVEFORM),
+            handover: io.server(&services::REPORT_HANDOVER),
+            purge: io.server(&services::PURGE),
+            change_recipe: io.server(&services::CHANGE_RECIPE),
+            reset: io.server(&services::RESET),
+            delivery_state: io.publisher(&topics::DELIVERY_STATE),
+            state: io.publisher(&topics::STATE),
+            factsheet: io.publisher(&topics::FACTSHEET),
             arbiter: config.is_arbitrated().then(|| Arbiter {
-                reserve: io.client(&format!("{PLATEN_NAMESPACE}/reserve_area"), Latency::Feedback),
-                release: io.client(&format!("{PLATEN_NAMESPACE}/release_area"), Latency::Feedback),
+                reserve: io.client(&services::RESERVE_AREA),
+                release: io.client(&services::RELEASE_AREA),
             }),
         };
-        let trajectory = io.action_client("follow_joint_trajectory", Latency::Feedback);
-        Ports { plain, trajectory, deliver: io.action_server("deliver_part") }
+        let trajectory = io.action_client(&services::FOLLOW_JOINT_TRAJECTORY);
+        Ports { plain, trajectory, deliver: io.action_server(&services::DELIVER_PART) }
     }
 
     fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {

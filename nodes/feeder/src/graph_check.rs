@@ -7,16 +7,16 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
-use feeder_runtime::dds::{Client, Domain, NodeName, Participant, Qos, Reader};
+use feeder_runtime::dds::{Client, Domain, NodeName, Participant, Reader};
 use feeder_runtime::node::{Port, PortKind};
 use feeder_scenario::Scenario;
-use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
-use minifactory_msgs::rcl_interfaces::msg::{Log, ParameterEvent};
+use minifactory_msgs::interface::TopicSpec;
+use minifactory_msgs::interface::standard::{CLOCK, DIAGNOSTICS, PARAMETER_EVENTS, ROSOUT};
 use minifactory_msgs::rcl_interfaces::srv::{
     DescribeParameters, GetParameterTypes, GetParameters, ListParameters, SetParameters, SetParametersAtomically,
 };
 use minifactory_msgs::type_description_interfaces::srv::GetTypeDescription;
-use minifactory_msgs::{Message, Service, rosgraph_msgs::msg::Clock};
+use minifactory_msgs::{Message, Service};
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::scenario_file::load_taught;
@@ -103,13 +103,13 @@ impl Outside {
     fn open(domain: &Domain, scenario: &Scenario) -> anyhow::Result<Self> {
         let participant = Participant::open(domain, &NodeName::new("/", "graph_check")?)?;
         let ticks = Arc::new(AtomicU64::new(0));
-        let clock = participant.reader("/clock", &Clock::INFO.dds_type(), &Qos::sensor(), {
+        let clock = participant.topic_reader(&CLOCK, "", {
             let ticks = Arc::clone(&ticks);
             move |_| _ = ticks.fetch_add(1, Ordering::Relaxed)
         })?;
         let mut outside = Self { participant, readers: vec![(clock, 1)], clients: Vec::new(), ticks };
         outside.meet_housekeeping("/feeder_up")?;
-        for (node, interface) in interfaces(scenario) {
+        for (node, interface) in interfaces(scenario)? {
             for port in &interface.ports {
                 outside.meet(port)?;
             }
@@ -140,9 +140,9 @@ impl Outside {
 
     /// What every node offers.
     fn meet_housekeeping(&mut self, node: &str) -> anyhow::Result<()> {
-        self.meet(&publisher::<Log>("/rosout", Qos::latched()))?;
-        self.meet(&publisher::<ParameterEvent>("/parameter_events", Qos::command()))?;
-        self.meet(&publisher::<DiagnosticArray>("/diagnostics", Qos::command()))?;
+        self.meet(&publisher(&ROSOUT))?;
+        self.meet(&publisher(&PARAMETER_EVENTS))?;
+        self.meet(&publisher(&DIAGNOSTICS))?;
         self.meet_service::<ListParameters>(node, "list_parameters")?;
         self.meet_service::<GetParameters>(node, "get_parameters")?;
         self.meet_service::<GetParameterTypes>(node, "get_parameter_types")?;
@@ -223,9 +223,9 @@ impl Outside {
     }
 }
 
-fn publisher<M: Message>(topic: &str, qos: Qos) -> Port {
-    let (ros_type, dds_types) = (M::INFO.ros_type(), vec![M::INFO.dds_type()]);
-    Port { kind: PortKind::Publish, name: topic.to_owned(), ros_type, dds_types, qos }
+fn publisher<M: Message>(topic: &TopicSpec<M>) -> Port {
+    let (ros_type, dds_types) = (M::INFO.ros_type(), vec![topic.dds_type()]);
+    Port { kind: PortKind::Publish, name: topic.name_in(""), ros_type, dds_types, qos: topic.qos() }
 }
 
 fn start(args: &Args, domain: &Domain) -> anyhow::Result<Child> {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use feeder_runtime::launch::{Recorded, Seat, full_name, interface, replay, run_in_loop};
 use feeder_runtime::lockstep::{LoopContract, RunError};
-use feeder_runtime::node::{FeederNode, Interface, NodeError};
+use feeder_runtime::node::{FeederNode, Interface, NodeError, NotStated};
 use feeder_scenario::Scenario;
 
 /// Runs a node of a run in a namespace alone for so many ticks: what it hears, which topics are wanted, and where they go.
@@ -25,7 +25,7 @@ pub(crate) struct NodeEntry {
     /// The namespaces a scenario asks for one in.
     pub(crate) namespaces: fn(&Scenario) -> Vec<String>,
     /// Its ports.
-    pub(crate) interface: fn(&str, &Scenario) -> Interface,
+    pub(crate) interface: fn(&str, &Scenario) -> Result<Interface, NotStated>,
     /// Runs it in a loop.
     pub(crate) run: fn(&Seat, &Scenario) -> Result<(), RunError>,
     /// Runs it alone on what a run recorded.

@@ -10,8 +10,9 @@ use feeder_runtime::dds::{DiscoveryRange, Domain, NodeName, Participant};
 use feeder_runtime::digest::{self, Digest};
 use feeder_runtime::launch::{Seat, full_name, run_opened};
 use feeder_runtime::lockstep::{Clock, ClockRunner, Hub, LoopContract, LoopTiming, Speed};
-use feeder_runtime::node::{Declare, FeederNode, Interface};
+use feeder_runtime::node::{Declare, FeederNode, Interface, NotStated};
 use feeder_scenario::Scenario;
+use feeder_wire::topics::CLOCK;
 use run_monitor::{Progress, RunMonitor};
 
 use crate::crew::{Crew, NodeThread};
@@ -175,7 +176,7 @@ pub fn execute(scenario: &Scenario, args: &UpArgs, stop: &AtomicBool) -> anyhow:
 
     let end_tick = ticks(scenario.run.duration_s, contract.timing.tick_ns);
     let clock = Clock::new(contract.as_ref().clone(), args.speed, end_tick, START_UP_LIMIT);
-    let clock_digest = Digest::new(digest_dir.as_deref(), "/clock", &contract.shared_topics);
+    let clock_digest = Digest::new(digest_dir.as_deref(), &CLOCK.name_in(""), &contract.shared_topics);
     let mut clock = ClockRunner::open(&participant, &contract, hub.as_ref(), clock, clock_digest)?;
     if let Some(socket) = record_to {
         clock.record_to(socket, &contract).context("cannot record /clock")?;
@@ -265,12 +266,12 @@ fn refuse_busy_domain(
     scenario: &Scenario,
     stop: &AtomicBool,
 ) -> anyhow::Result<()> {
-    let ours = format!("/{}/", scenario.feeder);
+    let (clock, ours) = (CLOCK.name_in(""), format!("/{}/", scenario.feeder));
     let since = Instant::now();
     while since.elapsed() < BUSY_CHECK && !stop.load(Ordering::Relaxed) {
         let graph = participant.discovered();
         let topics = graph.writers.iter().filter_map(|writer| writer.topic.strip_prefix("rt"));
-        if let Some(topic) = topics.filter(|topic| *topic == "/clock" || topic.starts_with(&ours)).min() {
+        if let Some(topic) = topics.filter(|topic| *topic == clock || topic.starts_with(&ours)).min() {
             bail!(
                 "domain {} is busy: somebody already publishes {topic}; choose another with --domain (0 to 232) or ROS_DOMAIN_ID",
                 domain.id
@@ -282,16 +283,19 @@ fn refuse_busy_domain(
 }
 
 /// All nodes the scenario asks for, and the monitor: full names and ports.
-pub(crate) fn interfaces(scenario: &Scenario) -> Vec<(String, Interface)> {
+///
+/// # Errors
+/// When a port of a node is not stated for it.
+pub(crate) fn interfaces(scenario: &Scenario) -> Result<Vec<(String, Interface)>, NotStated> {
     let mut nodes: Vec<(String, Interface)> = Vec::new();
     for placed in placed(scenario) {
-        nodes.push((placed.full_name(), (placed.entry.interface)(&placed.namespace, &placed.scenario)));
+        nodes.push((placed.full_name(), (placed.entry.interface)(&placed.namespace, &placed.scenario)?));
     }
     for namespace in RunMonitor::namespaces(scenario) {
-        let interface = feeder_runtime::launch::interface::<RunMonitor>(&namespace, scenario);
+        let interface = feeder_runtime::launch::interface::<RunMonitor>(&namespace, scenario)?;
         nodes.push((full_name(&namespace, RunMonitor::NAME), interface));
     }
-    nodes
+    Ok(nodes)
 }
 
 /// The loop of these nodes.
@@ -302,7 +306,7 @@ pub(crate) fn connect(scenario: &Scenario) -> anyhow::Result<LoopContract> {
         feedback_delay_ticks: scenario.time.feedback_delay_ticks,
         window_ticks: scenario.time.window_ticks,
     };
-    Ok(LoopContract::connect(rand::random(), timing, &interfaces(scenario))?)
+    Ok(LoopContract::connect(rand::random(), timing, &interfaces(scenario)?)?)
 }
 
 fn ticks(duration_s: f64, tick_ns: u64) -> u64 {
@@ -314,10 +318,11 @@ fn write(file: &Path, text: &str) -> anyhow::Result<()> {
 }
 
 fn start_monitor(seat: &Seat, scenario: &Scenario, progress: Arc<Mutex<Progress>>) -> anyhow::Result<NodeThread> {
-    let mut declare = Declare::new(&seat.namespace);
+    let mut declare = Declare::new(RunMonitor::NAME, &seat.namespace);
     let ports = RunMonitor::declare(&mut declare, scenario);
+    let interface = declare.finish()?;
     let monitor = RunMonitor::watched(ports, scenario, progress)?;
     let (seat, scenario) = (seat.clone(), scenario.clone());
     let thread = std::thread::Builder::new().name(RunMonitor::NAME.to_owned());
-    Ok(thread.spawn(move || run_opened(&seat, monitor, RunMonitor::NAME, &scenario, declare.finish()))?)
+    Ok(thread.spawn(move || run_opened(&seat, monitor, RunMonitor::NAME, &scenario, interface))?)
 }

@@ -8,13 +8,13 @@ use std::time::Duration;
 
 use feeder_control::manipulator::{Action, Event, Manipulator, Presented};
 use feeder_model::seed::generator;
-use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{
-    ActionClient, ActionClientPorts, CallId, Client, ClientEvent, Declare, FeederNode, GoalId, Latency, NodeError,
-    Publisher, StepIo,
+    ActionClient, ActionClientPorts, CallId, Client, ClientEvent, Declare, FeederNode, GoalId, NodeError, Publisher,
+    StepIo,
 };
 use feeder_scenario::{Scenario, Station};
 use feeder_wire::pose::{planar_pose, quaternion_of_yaw, yaw_of_quaternion};
+use feeder_wire::{nodes, services, topics};
 use minifactory_msgs::action::{DeliverPart, DeliverPartGoal, DeliverPartResult};
 use minifactory_msgs::geometry_msgs::msg::{Transform, TransformStamped, Vector3};
 use minifactory_msgs::msg::DeliveryState;
@@ -83,7 +83,7 @@ pub struct OverheadManipulator {
 }
 
 impl FeederNode for OverheadManipulator {
-    const NAME: &'static str = "overhead_manipulator";
+    const NAME: &'static str = nodes::OVERHEAD_MANIPULATOR;
     type Config = Scenario;
     type Ports = Ports;
 
@@ -100,14 +100,14 @@ impl FeederNode for OverheadManipulator {
         let here = io.namespace().trim_start_matches('/').to_owned();
         let station = config.stations.iter().find(|station| station.name == here).cloned();
         let feeders = station.iter().flat_map(|station| config.feeders_of(station)).map(|feeder| FeederPorts {
-            deliver: io.action_client(&format!("/{feeder}/deliver_part"), Latency::Feedback),
-            pick: io.client(&config.pick_service(&here, &feeder), Latency::Feedback),
-            report: io.client(&format!("/{feeder}/report_handover"), Latency::Feedback),
+            deliver: io.action_client_in(&format!("/{feeder}"), &services::DELIVER_PART),
+            pick: io.client_in(&config.pick_namespace(&here, &feeder), &services::PICK),
+            report: io.client_in(&format!("/{feeder}"), &services::REPORT_HANDOVER),
         });
         Ports {
             feeders: feeders.collect(),
-            joint_states: io.publisher("joint_states", Qos::command()),
-            tf_static: io.publisher("/tf_static", Qos::latched()),
+            joint_states: io.publisher(&topics::TOOL_JOINT_STATES),
+            tf_static: io.publisher(&topics::TF_STATIC),
             station,
         }
     }

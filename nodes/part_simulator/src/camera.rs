@@ -3,12 +3,12 @@
 use feeder_model::camera::CameraModel;
 use feeder_model::part::PartType;
 use feeder_model::seed::generator;
-use feeder_runtime::dds::Qos;
 use feeder_runtime::lockstep::MESSAGE_BYTES_MAX;
 use feeder_runtime::node::{Declare, NodeError, Publisher, StepIo, stamp_of_ns};
 use feeder_scenario::Scenario;
 use feeder_sim::camera::{PartView, Renderer, TrayShot, codec};
 use feeder_sim::parts::{Part, PartBulk, Place};
+use feeder_wire::topics;
 use image::GrayImage;
 use minifactory_msgs::geometry_msgs::msg::{Quaternion, Transform, TransformStamped, Vector3};
 use minifactory_msgs::sensor_msgs::msg::{CameraInfo, CompressedImage, Image};
@@ -30,10 +30,10 @@ pub(crate) struct Ports {
 impl Ports {
     pub(crate) fn declare(io: &mut Declare) -> Self {
         Self {
-            raw: io.publisher("camera/image_raw", Qos::sensor()),
-            compressed: io.publisher("camera/image_raw/compressed", Qos::command()),
-            info: io.publisher("camera/camera_info", Qos::command()),
-            tf_static: io.publisher("/tf_static", Qos::latched()),
+            raw: io.publisher(&topics::IMAGE_RAW),
+            compressed: io.publisher(&topics::IMAGE_COMPRESSED),
+            info: io.publisher(&topics::CAMERA_INFO),
+            tf_static: io.publisher(&topics::TF_STATIC),
         }
     }
 }

@@ -7,14 +7,14 @@ mod camera;
 use std::time::Duration;
 
 use feeder_model::seed::seed_for;
-use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{
-    Declare, FeederNode, Latency, NodeError, Publisher, Server, StepIo, Subscriber, ns_of_stamp, stamp_of_ns,
+    Declare, FeederNode, NodeError, Publisher, Server, StepIo, Subscriber, ns_of_stamp, stamp_of_ns,
 };
 use feeder_scenario::Scenario;
 use feeder_sim::camera::TrayShot;
 use feeder_sim::parts::{Part, PartBulk, Place};
 use feeder_wire::pose::planar_isometry;
+use feeder_wire::{nodes, services, topics};
 use minifactory_msgs::msg::{PartState, PartStates, PickEvent, TrayMotion};
 use minifactory_msgs::srv::{LoadParts, LoadPartsResponse, Pick, PickRequest, PickResponse};
 use minifactory_msgs::std_msgs::msg::Header;
@@ -54,7 +54,7 @@ pub struct PartSimulator {
 }
 
 impl FeederNode for PartSimulator {
-    const NAME: &'static str = "part_simulator";
+    const NAME: &'static str = nodes::PART_SIMULATOR;
     type Config = Scenario;
     type Ports = Ports;
 
@@ -68,16 +68,16 @@ impl FeederNode for PartSimulator {
 
     fn declare(io: &mut Declare, config: &Scenario) -> Ports {
         Ports {
-            motion: io.subscriber("tray_motion", Latency::Forward, Qos::command()),
-            load: io.server("load_parts"),
+            motion: io.subscriber(&topics::TRAY_MOTION),
+            load: io.server(&services::LOAD_PARTS),
             picks: config
                 .stations
                 .iter()
                 .filter(|station| config.feeders_of(station).contains(&config.feeder))
-                .map(|station| io.server(&config.pick_service(&station.name, &config.feeder)))
+                .map(|station| io.server_in(&config.pick_namespace(&station.name, &config.feeder), &services::PICK))
                 .collect(),
-            parts: io.publisher("parts", Qos::sensor()),
-            events: io.publisher("picks", Qos::command()),
+            parts: io.publisher(&topics::PARTS),
+            events: io.publisher(&topics::PICKS),
             camera: camera::Ports::declare(io),
         }
     }

@@ -7,9 +7,9 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use feeder_control::platen::{Answer, Arbiter, Area, Granted, LeaseId, Refusal, Reservation, Ticket};
-use feeder_runtime::dds::Qos;
 use feeder_runtime::node::{Asker, Declare, FeederNode, NodeError, Publisher, Server, StepIo, stamp_of_ns};
-use feeder_scenario::{PLATEN_NAMESPACE, Scenario};
+use feeder_scenario::Scenario;
+use feeder_wire::{PLATEN_NAMESPACE, nodes, services, topics};
 use minifactory_msgs::builtin_interfaces::msg::Time;
 use minifactory_msgs::geometry_msgs::msg::Point;
 use minifactory_msgs::msg::{self, AreaLease, AreaLeases};
@@ -36,7 +36,7 @@ pub struct PlatenArbiter {
 }
 
 impl FeederNode for PlatenArbiter {
-    const NAME: &'static str = "platen_arbiter";
+    const NAME: &'static str = nodes::PLATEN_ARBITER;
     type Config = Scenario;
     type Ports = Ports;
 
@@ -50,9 +50,9 @@ impl FeederNode for PlatenArbiter {
 
     fn declare(io: &mut Declare, _: &Scenario) -> Ports {
         Ports {
-            reserve: io.server("reserve_area"),
-            release: io.server("release_area"),
-            leases: io.publisher("leases", Qos::latched()),
+            reserve: io.server(&services::RESERVE_AREA),
+            release: io.server(&services::RELEASE_AREA),
+            leases: io.publisher(&topics::LEASES),
         }
     }
 

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use feeder_model::part::PartType;
-use feeder_runtime::dds::Qos;
-use feeder_runtime::node::{Declare, Latency, Publisher, StepIo, Subscriber, ns_of_stamp};
+use feeder_runtime::node::{Declare, Publisher, StepIo, Subscriber, ns_of_stamp};
 use feeder_scenario::Scenario;
+use feeder_wire::topics;
 use minifactory_msgs::msg::{DeliveryState, FeedMetrics, PartStates, PickEvent, RunProgress};
 use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::vision_msgs::msg::Detection3DArray;
@@ -32,14 +32,14 @@ pub(crate) struct Ports {
 
 impl Ports {
     pub(crate) fn declare(io: &mut Declare, feeder: &str) -> Self {
-        let name = |topic: &str| format!("/{feeder}/{topic}");
+        let namespace = format!("/{feeder}");
         Self {
-            parts: io.subscriber(&name("parts"), Latency::Forward, Qos::sensor()),
-            candidates: io.subscriber(&name("candidates"), Latency::Forward, Qos::command()),
-            delivery: io.subscriber(&name("delivery_state"), Latency::Forward, Qos::command()),
-            picks: io.subscriber(&name("picks"), Latency::Forward, Qos::command()),
-            progress: io.publisher(&name("progress"), Qos::command()),
-            metrics: io.publisher(&name("feed_metrics"), Qos::command()),
+            parts: io.subscriber_in(&namespace, &topics::PARTS),
+            candidates: io.subscriber_in(&namespace, &topics::CANDIDATES),
+            delivery: io.subscriber_in(&namespace, &topics::DELIVERY_STATE),
+            picks: io.subscriber_in(&namespace, &topics::PICKS),
+            progress: io.publisher_in(&namespace, &topics::PROGRESS),
+            metrics: io.publisher_in(&namespace, &topics::FEED_METRICS),
         }
     }
 }

@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use feeder_runtime::node::{Declare, FeederNode, NodeError, StepIo};
 use feeder_scenario::Scenario;
+use feeder_wire::nodes;
 
 pub use feed::Feed;
 use feeder::FeederMonitor;
@@ -37,7 +38,7 @@ pub struct RunMonitor {
 }
 
 impl FeederNode for RunMonitor {
-    const NAME: &'static str = "run_monitor";
+    const NAME: &'static str = nodes::RUN_MONITOR;
     type Config = Scenario;
     type Ports = Ports;
 

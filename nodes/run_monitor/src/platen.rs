@@ -1,9 +1,9 @@
 //! Whether couriers that share a platen keep apart, found from where they are, not from what they say.
 
 use feeder_control::platen::Area;
-use feeder_runtime::dds::Qos;
-use feeder_runtime::node::{Declare, Latency, StepIo, Subscriber};
-use feeder_scenario::{PLATEN_NAMESPACE, Scenario};
+use feeder_runtime::node::{Declare, StepIo, Subscriber};
+use feeder_scenario::Scenario;
+use feeder_wire::topics;
 use minifactory_msgs::msg::AreaLeases;
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use nalgebra::Vector2;
@@ -25,9 +25,9 @@ impl Ports {
         config.is_arbitrated().then(|| Self {
             couriers: config
                 .feeder_names()
-                .map(|feeder| io.subscriber(&format!("/{feeder}/odometry"), Latency::Forward, Qos::command()))
+                .map(|feeder| io.subscriber_in(&format!("/{feeder}"), &topics::ODOMETRY))
                 .collect(),
-            leases: io.subscriber(&format!("{PLATEN_NAMESPACE}/leases"), Latency::Forward, Qos::latched()),
+            leases: io.subscriber(&topics::LEASES),
         })
     }
 }

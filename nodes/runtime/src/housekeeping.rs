@@ -4,15 +4,15 @@ use std::str::FromStr;
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
-use minifactory_msgs::Message;
 use minifactory_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
+use minifactory_msgs::interface::standard::DIAGNOSTICS;
 use minifactory_msgs::std_msgs::msg::Header;
 use serde::Serialize;
 
 use crate::args::LogLevel;
 use crate::clock::Clock;
 use crate::configuration::{Configuration, changed};
-use crate::dds::{BackgroundTask, DdsError, Loss, Participant, Qos, Server, Writer};
+use crate::dds::{BackgroundTask, DdsError, Loss, Participant, Server, Writer};
 use crate::logging;
 use crate::node::NodeError;
 use crate::parameters::{Declaration, ParameterServer, Store, Value};
@@ -58,7 +58,7 @@ impl Housekeeping {
         accept: impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static,
     ) -> Result<Self, DdsError> {
         let describes = parameters.get(DESCRIBE_TYPES) != Some(&Value::Bool(false));
-        let diagnostics = participant.writer("/diagnostics", &DiagnosticArray::INFO.dds_type(), &Qos::command())?;
+        let diagnostics = participant.topic_writer(&DIAGNOSTICS, "")?;
         let reporting = participant.background(report(participant, &diagnostics, clock.clone()));
         Ok(Self {
             _rosout: logging::rosout().map(|layer| layer.attach(participant, clock.clone())).transpose()?,

@@ -10,6 +10,7 @@ use std::time::Duration;
 mod replay;
 
 use bytes::Bytes;
+use minifactory_msgs::interface::standard::CLOCK;
 
 use crate::args::{NameKind, RosArgs};
 use crate::clock::Clock;
@@ -18,7 +19,9 @@ use crate::dds::{Domain, NodeName, Participant};
 use crate::digest::Digest;
 use crate::housekeeping::{Housekeeping, USE_SIM_TIME, apply_own, own_parameters, reconfiguring};
 use crate::lockstep::{DdsLinks, Hub, Links, LoopContract, RunError, Runner};
-use crate::node::{Arrival, Declare, FeederNode, Interface, NodeError, Output, PortKind, StepIo, stamp_of_ns};
+use crate::node::{
+    Arrival, Declare, FeederNode, Interface, NodeError, NotStated, Output, PortKind, StepIo, stamp_of_ns,
+};
 use crate::parameters::Value;
 use crate::public::PublicSide;
 use crate::recording::Tap;
@@ -51,8 +54,11 @@ pub struct Seat {
 }
 
 /// The ports of node `N` in `namespace`.
-pub fn interface<N: FeederNode>(namespace: &str, config: &N::Config) -> Interface {
-    let mut declare = Declare::new(namespace);
+///
+/// # Errors
+/// When a port is not stated for this node.
+pub fn interface<N: FeederNode>(namespace: &str, config: &N::Config) -> Result<Interface, NotStated> {
+    let mut declare = Declare::new(N::NAME, namespace);
     let _ = N::declare(&mut declare, config);
     declare.finish()
 }
@@ -67,9 +73,9 @@ pub fn run_in_loop<N: FeederNode>(seat: &Seat, config: &N::Config) -> Result<(),
         let reason = format!("the run's tick is {given:?}, but the configuration says {wanted:?}");
         return Err(RunError::Node(NodeError::new(reason)));
     }
-    let mut declare = Declare::new(&seat.namespace);
+    let mut declare = Declare::new(N::NAME, &seat.namespace);
     let ports = N::declare(&mut declare, config);
-    let interface = declare.finish();
+    let interface = declare.finish().map_err(|error| RunError::Node(NodeError::new(error)))?;
     let node = N::open(ports, config).map_err(RunError::Node)?;
     run_opened(seat, node, N::NAME, config, interface)
 }
@@ -143,9 +149,9 @@ pub fn replay<N: FeederNode>(
     publish: &mut dyn FnMut(Recorded),
 ) -> Result<(), NodeError> {
     let name = full_name(namespace, N::NAME);
-    let mut declare = Declare::new(namespace);
+    let mut declare = Declare::new(N::NAME, namespace);
     let ports = N::declare(&mut declare, config);
-    let interface = declare.finish();
+    let interface = declare.finish().map_err(NodeError::new)?;
     let delays = replay::delays(contract, &name, &interface)?;
     let mut node = N::open(ports, config)?;
     let mut io = StepIo::new(interface.ports.len(), contract.timing.tick_ns);
@@ -198,9 +204,9 @@ pub fn run_remapped<N: FeederNode>(
     let configuration = configuration.map_err(RunError::Node)?;
     apply_own(&configuration.store).map_err(RunError::Node)?;
     let config = configuration.config.clone();
-    let mut declare = Declare::new(name.namespace());
+    let mut declare = Declare::new(N::NAME, name.namespace());
     let ports = N::declare(&mut declare, &config);
-    let mut interface = declare.finish();
+    let mut interface = declare.finish().map_err(|error| RunError::Node(NodeError::new(error)))?;
     for port in &mut interface.ports {
         let kind = match port.kind {
             PortKind::Publish | PortKind::Subscribe(_) => NameKind::Topic,
@@ -211,7 +217,9 @@ pub fn run_remapped<N: FeederNode>(
     let node = N::open(ports, &config).map_err(RunError::Node)?;
     let participant = Participant::open(domain, &name)?;
     let time = match configuration.store.get(USE_SIM_TIME) {
-        Some(Value::Bool(true)) => Time::simulated(&participant, &ros.resolve(&name, "/clock", NameKind::Topic)?)?,
+        Some(Value::Bool(true)) => {
+            Time::simulated(&participant, &ros.resolve(&name, &CLOCK.name_in(""), NameKind::Topic)?)?
+        }
         _ => Time::Wall,
     };
     let (reconfigure, reconfigured) = channel();

@@ -13,7 +13,7 @@ use std::{
     },
 };
 
-use minifactory_msgs::{Message, rcl_interfaces::msg::Log};
+use minifactory_msgs::{interface::standard::ROSOUT, rcl_interfaces::msg::Log};
 use tokio::sync::mpsc;
 use tracing::{
     Event, Level, Subscriber,
@@ -24,12 +24,9 @@ use tracing_subscriber::{Layer, layer::Context, registry::LookupSpan};
 
 use crate::{
     clock::Clock,
-    dds::{BackgroundTask, DdsError, Durability, Participant, Qos, Reliability, Writer},
+    dds::{BackgroundTask, DdsError, Participant, Writer},
 };
 
-/// What ROS 2 offers for `/rosout`.
-const QOS: Qos =
-    Qos { reliability: Reliability::Reliable, durability: Durability::TransientLocal, depth: 1_000, backlog: 1_000 };
 /// Messages that may wait to be published; more are dropped and counted.
 const QUEUE: usize = 1_000;
 /// What the DDS library says of its own doings would never end, were it sent by the same library.
@@ -71,7 +68,7 @@ impl RosoutLayer {
     /// # Errors
     /// [`DdsError::Endpoint`] when the middleware refuses.
     pub fn attach(&self, participant: &Participant, clock: Clock) -> Result<Rosout, DdsError> {
-        let writer = participant.writer("/rosout", &<Log as Message>::INFO.dds_type(), &QOS)?;
+        let writer = participant.topic_writer(&ROSOUT, "")?;
         let (sender, mut messages) = mpsc::channel(QUEUE);
         let node = participant.node().to_string();
         let dropped = Arc::new(AtomicU64::new(0));

@@ -10,11 +10,11 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use bytes::Bytes;
-use minifactory_msgs::Message;
+use minifactory_msgs::interface::standard::CLOCK;
 use minifactory_msgs::rosgraph_msgs::msg::Clock as ClockMessage;
 
 use crate::clock::Clock;
-use crate::dds::{Client, DdsError, Participant, Qos, Reader};
+use crate::dds::{Client, DdsError, Participant, Reader};
 use crate::lockstep::{Incoming, RunError};
 use crate::node::{
     Arrival, AskerInner, CallId, FeederNode, Interface, Output, PortKind, StepIo, ns_of_stamp, stamp_of_ns,
@@ -88,7 +88,7 @@ impl Time {
     pub(crate) fn simulated(participant: &Participant, topic: &str) -> Result<Self, DdsError> {
         let said = Arc::new(SaidTime::default());
         // As ROS 2 nodes hear it: the newest counts, and a lost one does not matter.
-        let reader = participant.reader(topic, &ClockMessage::INFO.dds_type(), &Qos::sensor(), {
+        let reader = participant.reader(topic, &CLOCK.dds_type(), &CLOCK.qos(), {
             let said = Arc::clone(&said);
             move |sample| match sample.decode::<ClockMessage>() {
                 Ok(message) => said.say(ns_of_stamp(&message.clock)),

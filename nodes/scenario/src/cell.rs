@@ -12,9 +12,6 @@ use feeder_model::part::PartType;
 use feeder_model::range::OutOfRange;
 use feeder_model::seed::seed_for;
 
-/// Namespace of what belongs to the platen rather than to a feeder.
-pub const PLATEN_NAMESPACE: &str = "/platen";
-
 /// The platen.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -109,10 +106,10 @@ impl Scenario {
         if station.feeders.is_empty() { vec![self.feeder.clone()] } else { station.feeders.clone() }
     }
 
-    /// The service by which a station's gripper closes on the parts of a feeder.
+    /// Where the service lies by which a station's gripper closes on the parts of a feeder.
     #[must_use]
-    pub fn pick_service(&self, station: &str, feeder: &str) -> String {
-        if self.further_feeders.is_empty() { format!("/{station}/pick") } else { format!("/{station}/{feeder}/pick") }
+    pub fn pick_namespace(&self, station: &str, feeder: &str) -> String {
+        if self.further_feeders.is_empty() { format!("/{station}") } else { format!("/{station}/{feeder}") }
     }
 
     /// Stations whose tool axis the feeder's camera sees at the height of the plateau, with the part about it.

@@ -13,7 +13,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 pub use catalogue::{PartSource, PartSourceError, catalogue_names};
-pub use cell::{FurtherFeeder, PLATEN_NAMESPACE, PlatenSection, Recipe};
+pub use cell::{FurtherFeeder, PlatenSection, Recipe};
 use feeder_control::courier::CourierConfig;
 use feeder_control::delivery::DeliveryConfig;
 use feeder_control::manipulator::ManipulatorConfig;

@@ -11,14 +11,12 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use feeder_runtime::dds::Qos;
-use feeder_runtime::node::{
-    Declare, FeederNode, Latency, NodeError, Publisher, Settable, StepIo, Subscriber, ns_of_stamp,
-};
+use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, Settable, StepIo, Subscriber, ns_of_stamp};
 use feeder_runtime::parameters::Range;
 use feeder_scenario::Scenario;
 use feeder_vision::{ImageFault, Selector, TrackedCandidate, draw_overlay};
 use feeder_wire::pose::{planar_isometry, planar_pose};
+use feeder_wire::{nodes, topics};
 use image::GrayImage;
 use minifactory_msgs::geometry_msgs::msg::Vector3;
 use minifactory_msgs::nav_msgs::msg::Odometry;
@@ -65,7 +63,7 @@ struct Names {
 }
 
 impl FeederNode for VisionSelector {
-    const NAME: &'static str = "vision_selector";
+    const NAME: &'static str = nodes::VISION_SELECTOR;
     type Config = Scenario;
     type Ports = Ports;
 
@@ -79,10 +77,10 @@ impl FeederNode for VisionSelector {
 
     fn declare(io: &mut Declare, _: &Scenario) -> Ports {
         Ports {
-            image: io.subscriber("camera/image_raw/compressed", Latency::Forward, Qos::command()),
-            odometry: io.subscriber("odometry", Latency::Forward, Qos::command()),
-            candidates: io.publisher("candidates", Qos::command()),
-            annotated: io.publisher("camera/annotated", Qos::sensor()),
+            image: io.subscriber(&topics::IMAGE_COMPRESSED),
+            odometry: io.subscriber(&topics::ODOMETRY),
+            candidates: io.publisher(&topics::CANDIDATES),
+            annotated: io.publisher(&topics::IMAGE_ANNOTATED),
         }
     }
 

@@ -7,9 +7,9 @@ use std::time::Duration;
 
 use feeder_control::courier::CourierConfig;
 use feeder_model::waveform::Waveform;
-use feeder_runtime::dds::Qos;
-use feeder_runtime::node::{Declare, FeederNode, Latency, NodeError, Publisher, Server, StepIo, Subscriber};
+use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, Server, StepIo, Subscriber};
 use feeder_scenario::Scenario;
+use feeder_wire::{nodes, services, topics};
 use minifactory_msgs::msg;
 use minifactory_msgs::srv::{SetWaveform, SetWaveformResponse};
 use minifactory_msgs::std_srvs::srv::{SetBool, SetBoolResponse};
@@ -46,7 +46,7 @@ pub struct WaveformGenerator {
 }
 
 impl FeederNode for WaveformGenerator {
-    const NAME: &'static str = "waveform_generator";
+    const NAME: &'static str = nodes::WAVEFORM_GENERATOR;
     type Config = Scenario;
     type Ports = Ports;
 
@@ -60,10 +60,10 @@ impl FeederNode for WaveformGenerator {
 
     fn declare(io: &mut Declare, _: &Scenario) -> Ports {
         Ports {
-            waveform: io.publisher("waveform", Qos::latched()),
-            courier_state: io.subscriber("courier_state", Latency::Feedback, Qos::command()),
-            set_feeding: io.server("set_feeding"),
-            set_waveform: io.server("set_waveform"),
+            waveform: io.publisher(&topics::WAVEFORM),
+            courier_state: io.subscriber(&topics::COURIER_STATE),
+            set_feeding: io.server(&services::SET_FEEDING),
+            set_waveform: io.server(&services::SET_WAVEFORM),
         }
     }
 

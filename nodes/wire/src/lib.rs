@@ -1,5 +1,10 @@
 //! What goes over the wire: both halves of every message's codec, and the topics.
 
+mod interface;
 pub mod pose;
+pub mod services;
+pub mod topics;
 pub mod tray_motion;
 pub mod waveform;
+
+pub use interface::{PLATEN_NAMESPACE, nodes};

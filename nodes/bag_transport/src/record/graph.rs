@@ -8,7 +8,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use feeder_runtime::dds::{DdsError, Durability, Endpoint, Guid, Participant, Qos, Reader, Reliability, Sample};
 use feeder_runtime::node::ns_of_stamp;
-use minifactory_msgs::Message as _;
+use minifactory_msgs::interface::standard::CLOCK;
 use minifactory_msgs::rosgraph_msgs::msg::Clock;
 
 use super::{described, with_header};
@@ -186,7 +186,7 @@ impl GraphRecorder {
 
     fn follow_clock(&self, participant: &Participant) -> Result<Reader, DdsError> {
         let sim_ns = Arc::clone(&self.sim_ns);
-        participant.reader("/clock", &Clock::INFO.dds_type(), &Qos::sensor(), move |sample| {
+        participant.topic_reader(&CLOCK, "", move |sample| {
             if let Ok(Clock { clock }) = sample.decode() {
                 sim_ns.store(ns_of_stamp(&clock), Ordering::Relaxed);
             }

@@ -114,7 +114,7 @@ fn run_one(name: &str, bag: &Bag, run: &Run, folder: &Path) -> anyhow::Result<Ve
     let mut writer = BagWriter::create(folder, WriteSettings::default())?;
     let mut topics: BTreeMap<String, usize> = BTreeMap::new();
     for placed in placed(&run.scenario).iter().filter(|placed| placed.entry.name == name) {
-        let interface = (placed.entry.interface)(&placed.namespace, &placed.scenario);
+        let interface = (placed.entry.interface)(&placed.namespace, &placed.scenario)?;
         for topic in bag.topics().iter().filter(|topic| interface.publishes(&topic.name)) {
             let at = writer.add_topic(NewTopic {
                 name: topic.name.clone(),

@@ -6,6 +6,7 @@ use std::{
     time::Duration,
 };
 
+use minifactory_msgs::{Message, interface::TopicSpec};
 use ros2_client::{
     Gid,
     builtin_topics::ros_discovery,
@@ -22,6 +23,7 @@ use super::{
     graph::{self, Nodes},
     lull::Lull,
     names::dds_name,
+    qos::policies_of,
     raw::{Raw, RawAdapter, RawReader, RawWriter},
     tally::{Counter, Loss, Tally},
 };
@@ -159,6 +161,27 @@ impl Participant {
         self.reader_of(&dds_name("topic", "rt", topic, "")?, dds_type, qos, deliver)
     }
 
+    /// Publishes a stated topic, whose owners live in `namespace`.
+    ///
+    /// # Errors
+    /// As [`writer`](Self::writer).
+    pub fn topic_writer<M: Message>(&self, topic: &TopicSpec<M>, namespace: &str) -> Result<Writer, DdsError> {
+        self.writer(&topic.name_in(namespace), &topic.dds_type(), &topic.qos())
+    }
+
+    /// Subscribes to a stated topic, whose owners live in `namespace`; see [`reader`](Self::reader).
+    ///
+    /// # Errors
+    /// As [`reader`](Self::reader).
+    pub fn topic_reader<M: Message>(
+        &self,
+        topic: &TopicSpec<M>,
+        namespace: &str,
+        deliver: impl FnMut(Sample) + Send + 'static,
+    ) -> Result<Reader, DdsError> {
+        self.reader(&topic.name_in(namespace), &topic.dds_type(), &topic.qos(), deliver)
+    }
+
     /// What discovery knows of other participants now; this one is not part of it.
     #[must_use]
     pub fn discovered(&self) -> Graph {
@@ -212,7 +235,7 @@ impl Participant {
 
     /// A writer of a topic given by its DDS name.
     pub(super) fn writer_of(&self, name: &str, dds_type: &str, qos: &Qos) -> Result<Writer, DdsError> {
-        let policies = qos.to_policies();
+        let policies = policies_of(*qos);
         let make = || -> Result<RawWriter, CreateError> {
             let topic = self.inner.topic(name, dds_type, &policies)?;
             self.inner.publisher.create_datawriter_no_key(&topic, Some(policies.clone()))
@@ -232,7 +255,7 @@ impl Participant {
         qos: &Qos,
         deliver: impl FnMut(Sample) + Send + 'static,
     ) -> Result<Reader, DdsError> {
-        let policies = qos.to_policies();
+        let policies = policies_of(*qos);
         let make = || -> Result<RawReader, CreateError> {
             let topic = self.inner.topic(name, dds_type, &policies)?;
             self.inner.subscriber.create_simple_datareader_no_key(&topic, Some(policies.clone()))

@@ -50,7 +50,10 @@ impl Reader {
                     graph::writers(&domain_participant)
                         .into_iter()
                         .filter(|writer| writer.topic == *topic && writer.dds_type == dds_type)
-                        .filter(|writer| qos.is_served_by(writer.reliability, writer.durability))
+                        .filter(|writer| {
+                            let offer = Qos { reliability: writer.reliability, durability: writer.durability, ..qos };
+                            offer.check_offer(qos.reliability, qos.durability).is_ok()
+                        })
                         .map(|writer| writer.guid)
                         .collect()
                 };

@@ -47,7 +47,7 @@ impl Writer {
                     graph::readers(&domain_participant)
                         .into_iter()
                         .filter(|reader| reader.topic == outlet.topic && reader.dds_type == dds_type)
-                        .filter(|reader| qos.serves(reader.reliability, reader.durability))
+                        .filter(|reader| qos.check_offer(reader.reliability, reader.durability).is_ok())
                         .map(|reader| reader.guid)
                         .collect()
                 };

@@ -7,6 +7,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, Instant};
 
 use minifactory_msgs::Message;
+use minifactory_msgs::interface::standard::CLOCK;
 use minifactory_msgs::msg::{LoopGrant, LoopStatus};
 use minifactory_msgs::rosgraph_msgs::msg::Clock as ClockMessage;
 
@@ -17,7 +18,7 @@ use super::links::{GRANT_TOPIC, LoopWriter, STATUS_TOPIC, read};
 use super::runner::RunError;
 use crate::cdr;
 use crate::clock::Clock as NodeClock;
-use crate::dds::{Participant, Qos, Reader, Writer};
+use crate::dds::{Participant, Reader, Writer};
 use crate::digest::Digest;
 use crate::housekeeping::{Housekeeping, own_parameters};
 use crate::node::{Interface, NodeError, Port, PortKind, stamp_of_ns};
@@ -98,10 +99,10 @@ pub fn clock_interface() -> Interface {
     Interface {
         ports: vec![Port {
             kind: PortKind::Publish,
-            name: "/clock".to_owned(),
+            name: CLOCK.name_in(""),
             ros_type: ClockMessage::INFO.ros_type(),
-            dds_types: vec![ClockMessage::INFO.dds_type()],
-            qos: Qos::sensor(),
+            dds_types: vec![CLOCK.dds_type()],
+            qos: CLOCK.qos(),
         }],
     }
 }

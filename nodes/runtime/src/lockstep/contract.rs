@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use minifactory_msgs::interface::QosMismatch;
 use serde::{Deserialize, Serialize};
 
 use crate::node::{Interface, Latency, Port, PortKind};
@@ -122,6 +123,18 @@ pub enum ContractError {
         /// Its type.
         found: String,
     },
+    /// A subscriber asks for more than a publisher offers.
+    #[error("{subscriber} cannot hear {name} from {publisher}: {mismatch}")]
+    QosMismatch {
+        /// The topic.
+        name: String,
+        /// Who offers too little.
+        publisher: String,
+        /// Who asks for more.
+        subscriber: String,
+        /// What differs.
+        mismatch: QosMismatch,
+    },
     /// The window does not fit the readers.
     #[error(
         "window_ticks {window_ticks} + the largest delay {largest_delay_ticks} is more than the {READER_CAPACITY_TICKS} \
@@ -145,8 +158,8 @@ impl LoopContract {
     /// Connects the nodes' interfaces.
     ///
     /// # Errors
-    /// [`ContractError`] when names collide, a subscription or call finds no partner of its type in another node, or the
-    /// timing does not fit.
+    /// [`ContractError`] when names collide, a subscription or call finds no partner of its type in another node, a
+    /// publisher offers less than a subscriber asks for, or the timing does not fit.
     pub fn connect(run_id: u64, timing: LoopTiming, nodes: &[(String, Interface)]) -> Result<Self, ContractError> {
         for (key, value) in [
             ("tick_ns", timing.tick_ns),
@@ -223,7 +236,8 @@ impl Builder<'_> {
         Ok(())
     }
 
-    /// The other nodes that have a port of `kind` for what `port` of `node` needs, all of its type.
+    /// The other nodes that have a port of `kind` for what `port` of `node` needs, all of its type and a quality
+    /// of service that serves it.
     fn partners(&self, node: usize, port: &Port, kind: PortKind) -> Result<Vec<usize>, ContractError> {
         let mut partners = Vec::new();
         for (other, (other_name, interface)) in self.nodes.iter().enumerate().filter(|(other, _)| *other != node) {
@@ -237,6 +251,14 @@ impl Builder<'_> {
                     found: found.ros_type.clone(),
                 });
             }
+            found.qos.check_offer(port.qos.reliability, port.qos.durability).map_err(|mismatch| {
+                ContractError::QosMismatch {
+                    name: port.name.clone(),
+                    publisher: other_name.clone(),
+                    subscriber: self.nodes[node].0.clone(),
+                    mismatch,
+                }
+            })?;
             partners.push(other);
         }
         Ok(partners)

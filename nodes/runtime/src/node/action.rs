@@ -7,6 +7,7 @@ use minifactory_msgs::Action;
 use minifactory_msgs::action_msgs::msg::{GoalInfo, GoalStatusArray};
 use minifactory_msgs::action_msgs::srv::{CancelGoal, CancelGoalRequest, CancelGoalResponse};
 use minifactory_msgs::builtin_interfaces::msg::Time;
+use minifactory_msgs::interface::ActionSpec;
 use minifactory_msgs::unique_identifier_msgs::msg::UUID;
 
 use super::ports::{Client, Declare, Latency, Publisher, Server, Subscriber};
@@ -63,23 +64,30 @@ pub struct ActionClientPorts<A: Action> {
 
 impl Declare {
     /// Declares an action that this node serves.
-    pub fn action_server<A: Action>(&mut self, name: &str) -> ActionServerPorts<A> {
+    pub fn action_server<A: Action>(&mut self, action: &ActionSpec<A>) -> ActionServerPorts<A> {
+        let name = self.owned(&self.namespace().to_owned(), action.facts(), "serves");
         ActionServerPorts {
-            send_goal: self.server(&format!("{name}/_action/send_goal")),
-            cancel: self.server(&format!("{name}/_action/cancel_goal")),
-            get_result: self.server(&format!("{name}/_action/get_result")),
-            feedback: self.publisher(&format!("{name}/_action/feedback"), Qos::command()),
-            status: self.publisher(&format!("{name}/_action/status"), Qos::latched()),
+            send_goal: self.server_named(format!("{name}/_action/send_goal")),
+            cancel: self.server_named(format!("{name}/_action/cancel_goal")),
+            get_result: self.server_named(format!("{name}/_action/get_result")),
+            feedback: self.publisher_named(format!("{name}/_action/feedback"), Qos::command()),
+            status: self.publisher_named(format!("{name}/_action/status"), Qos::latched()),
         }
     }
 
-    /// Declares the use of another node's action. Requests are as late as `latency` says; answers come forward.
-    pub fn action_client<A: Action>(&mut self, name: &str, latency: Latency) -> ActionClientPorts<A> {
+    /// Declares the use of another node's action. Requests are as late as is stated; answers come forward.
+    pub fn action_client<A: Action>(&mut self, action: &ActionSpec<A>) -> ActionClientPorts<A> {
+        self.action_client_in(&self.namespace().to_owned(), action)
+    }
+
+    /// Declares the use of an action that is served in `namespace`.
+    pub fn action_client_in<A: Action>(&mut self, namespace: &str, action: &ActionSpec<A>) -> ActionClientPorts<A> {
+        let (name, latency) = self.used(namespace, action.facts(), "calls");
         ActionClientPorts {
-            send_goal: self.client(&format!("{name}/_action/send_goal"), latency),
-            cancel: self.client(&format!("{name}/_action/cancel_goal"), latency),
-            get_result: self.client(&format!("{name}/_action/get_result"), latency),
-            feedback: self.subscriber(&format!("{name}/_action/feedback"), Latency::Forward, Qos::command()),
+            send_goal: self.client_named(format!("{name}/_action/send_goal"), latency),
+            cancel: self.client_named(format!("{name}/_action/cancel_goal"), latency),
+            get_result: self.client_named(format!("{name}/_action/get_result"), latency),
+            feedback: self.subscriber_named(format!("{name}/_action/feedback"), Latency::Forward, Qos::command()),
         }
     }
 }

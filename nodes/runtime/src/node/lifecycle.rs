@@ -171,13 +171,15 @@ pub struct LifecyclePorts {
 impl Declare {
     /// Declares the lifecycle of the node called `node`: its services lie below its name.
     pub fn lifecycle(&mut self, node: &str) -> LifecyclePorts {
+        let namespace = self.namespace().to_owned();
+        let name = |what: &str| format!("{namespace}/{node}/{what}");
         LifecyclePorts {
-            get_state: self.server(&format!("{node}/get_state")),
-            change_state: self.server(&format!("{node}/change_state")),
-            get_available_states: self.server(&format!("{node}/get_available_states")),
-            get_available_transitions: self.server(&format!("{node}/get_available_transitions")),
-            get_transition_graph: self.server(&format!("{node}/get_transition_graph")),
-            transition_event: self.publisher(&format!("{node}/transition_event"), Qos::command()),
+            get_state: self.server_named(name("get_state")),
+            change_state: self.server_named(name("change_state")),
+            get_available_states: self.server_named(name("get_available_states")),
+            get_available_transitions: self.server_named(name("get_available_transitions")),
+            get_transition_graph: self.server_named(name("get_transition_graph")),
+            transition_event: self.publisher_named(name("transition_event"), Qos::command()),
         }
     }
 }
@@ -289,9 +291,9 @@ mod tests {
 
     impl Bench {
         fn new(simulated: bool) -> Self {
-            let mut declare = Declare::new("/feeder");
+            let mut declare = Declare::new("node", "/feeder");
             let lifecycle = Lifecycle::new(declare.lifecycle("node"));
-            let ports = declare.finish().ports.len();
+            let ports = declare.finish().unwrap().ports.len();
             let mut io = StepIo::new(ports, 1);
             io.set_simulated(simulated);
             Self { io, lifecycle, tick: 0, ports }

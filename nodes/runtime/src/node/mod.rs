@@ -15,7 +15,7 @@ pub use action::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, ClientEvent, GoalEnd, GoalRequest, ServerEvent,
 };
 pub use lifecycle::{Lifecycle, LifecyclePorts, LifecycleState};
-pub use ports::{Client, Declare, Interface, Latency, Port, PortKind, Publisher, Server, Subscriber};
+pub use ports::{Client, Declare, Interface, Latency, NotStated, Port, PortKind, Publisher, Server, Subscriber};
 pub(crate) use step::{Arrival, AskerInner, Output, split_call, with_call};
 pub use step::{Asker, CallId, StepIo, ns_of_stamp, stamp_of_ns};
 

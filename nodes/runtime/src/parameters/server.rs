@@ -3,7 +3,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 
 use minifactory_msgs::{
-    Message, Service,
+    Service,
+    interface::standard::PARAMETER_EVENTS,
     rcl_interfaces::{
         msg::{Parameter, ParameterDescriptor, ParameterEvent, ParameterValue, SetParametersResult},
         srv::{
@@ -17,11 +18,8 @@ use minifactory_msgs::{
 use super::{Store, Value};
 use crate::{
     clock::Clock,
-    dds::{DdsError, Outlet, Participant, Qos, Server, Writer},
+    dds::{DdsError, Outlet, Participant, Server, Writer},
 };
-
-/// What ROS 2 offers for `/parameter_events`.
-const EVENTS_QOS: Qos = Qos { depth: 1_000, ..Qos::command() };
 
 /// Requests that may wait for an answer; more are refused.
 const WAITING_MAX: usize = 256;
@@ -89,7 +87,7 @@ impl ParameterServer {
         clock: Clock,
         accept: impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static,
     ) -> Result<Self, DdsError> {
-        let events = participant.writer("/parameter_events", &ParameterEvent::INFO.dds_type(), &EVENTS_QOS)?;
+        let events = participant.topic_writer(&PARAMETER_EVENTS, "")?;
         let node = participant.node().to_string();
         let shared = Arc::new(Shared {
             state: Mutex::new(State { store, accept: Box::new(accept) }),

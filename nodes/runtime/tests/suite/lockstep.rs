@@ -11,11 +11,12 @@ use feeder_runtime::launch::{Seat, full_name, run_in_loop, run_opened};
 use feeder_runtime::lockstep::{Clock, ClockRunner, LoopContract, LoopTiming, Speed};
 use feeder_runtime::node::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, Client, ClientEvent, Declare, FeederNode,
-    GoalEnd, GoalId, Interface, Latency, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber,
+    GoalEnd, GoalId, Interface, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber,
 };
 use feeder_runtime::testing::TestDomain;
 use minifactory_msgs::action::{DeliverPart, DeliverPartFeedback, DeliverPartGoal, DeliverPartResult};
 use minifactory_msgs::geometry_msgs::msg::Point;
+use minifactory_msgs::interface::{ActionSpec, EVERY_NODE, Namespace, ServiceSpec, TopicSpec, User};
 use minifactory_msgs::std_srvs::srv::{Trigger, TriggerRequest, TriggerResponse};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64Mcg;
@@ -102,37 +103,45 @@ struct Toy {
     random: Pcg64Mcg,
 }
 
+const ANY: &[&str] = &[EVERY_NODE];
+const NEXT: &[User] = &[User::Forward(EVERY_NODE)];
+const BACK: &[User] = &[User::Feedback(EVERY_NODE)];
+const OWN: Namespace = Namespace::Own("");
+const COUNT: TopicSpec<Point> = TopicSpec::new(OWN, "count", Qos::command()).between(ANY, NEXT, "");
+const ECHO: TopicSpec<Point> = TopicSpec::new(OWN, "echo", Qos::command()).between(ANY, NEXT, "");
+const ECHO_BACK: TopicSpec<Point> = ECHO.between(ANY, BACK, "");
+const SAID: TopicSpec<Point> = TopicSpec::new(OWN, "said", Qos::command()).between(ANY, NEXT, "");
+const GO: ServiceSpec<Trigger> = ServiceSpec::new(OWN, "go").between(ANY, NEXT, "");
+const DELIVER: ActionSpec<DeliverPart> = ActionSpec::new(OWN, "deliver").between(ANY, BACK, "");
+
 impl Toy {
     fn new(index: usize, quirk: Quirk) -> (Self, Interface) {
-        let mut io = Declare::new(NAMESPACE);
+        let mut io = Declare::new("toy", NAMESPACE);
         let part = match index {
             SOURCE => {
-                let deliver: ActionClientPorts<DeliverPart> = io.action_client("deliver", Latency::Feedback);
+                let deliver: ActionClientPorts<DeliverPart> = io.action_client(&DELIVER);
                 Part::Source {
-                    count: io.publisher("count", Qos::command()),
-                    echo: io.subscriber("echo", Latency::Feedback, Qos::command()),
-                    go: io.client("go", Latency::Forward),
+                    count: io.publisher(&COUNT),
+                    echo: io.subscriber(&ECHO_BACK),
+                    go: io.client(&GO),
                     deliver: ActionClient::new(deliver),
                 }
             }
             JUDGE => {
-                let deliver: ActionServerPorts<DeliverPart> = io.action_server("deliver");
+                let deliver: ActionServerPorts<DeliverPart> = io.action_server(&DELIVER);
                 Part::Judge {
-                    count: io.subscriber("count", Latency::Forward, Qos::command()),
-                    echo: io.publisher("echo", Qos::command()),
-                    go: io.server("go"),
+                    count: io.subscriber(&COUNT),
+                    echo: io.publisher(&ECHO),
+                    go: io.server(&GO),
                     deliver: ActionServer::new(deliver),
                     goals: Vec::new(),
                 }
             }
-            _ => Part::Relay {
-                count: io.subscriber("count", Latency::Forward, Qos::command()),
-                echo: io.subscriber("echo", Latency::Forward, Qos::command()),
-            },
+            _ => Part::Relay { count: io.subscriber(&COUNT), echo: io.subscriber(&ECHO) },
         };
-        let said = io.publisher("said", Qos::command());
+        let said = io.publisher(&SAID);
         let random = Pcg64Mcg::seed_from_u64(if let Quirk::Sleeps(seed) = quirk { seed } else { 0 });
-        (Self { part, said, state: index as u64, quirk, random }, io.finish())
+        (Self { part, said, state: index as u64, quirk, random }, io.finish().unwrap())
     }
 
     fn indulge(&mut self, io: &mut StepIo) -> Result<(), NodeError> {

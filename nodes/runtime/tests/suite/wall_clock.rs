@@ -10,11 +10,12 @@ use feeder_runtime::dds::{Domain, Participant, Qos, Reader};
 use feeder_runtime::launch::run_real;
 use feeder_runtime::node::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, CallId, Client, ClientEvent, Declare, FeederNode,
-    GoalEnd, GoalId, Latency, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber, ns_of_stamp,
+    GoalEnd, GoalId, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber, ns_of_stamp,
 };
 use feeder_runtime::testing::TestDomain;
 use minifactory_msgs::Message;
 use minifactory_msgs::action::{DeliverPart, DeliverPartFeedback, DeliverPartGoal, DeliverPartResult};
+use minifactory_msgs::interface::{ActionSpec, Namespace, ServiceSpec, TopicSpec, User};
 use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::std_srvs::srv::{SetBool, SetBoolRequest, SetBoolResponse};
 
@@ -67,6 +68,18 @@ struct ServingPorts {
     deliver: ActionServerPorts<DeliverPart>,
 }
 
+const SERVING: &[&str] = &["serving"];
+const OWN: Namespace = Namespace::Own("");
+const TIME: TopicSpec<Header> =
+    TopicSpec::new(OWN, "time", Qos::command()).between(SERVING, &[User::Forward("asking")], "");
+const BORN: TopicSpec<Header> =
+    TopicSpec::new(OWN, "born", Qos::latched()).between(SERVING, &[User::Forward("asking")], "");
+const SWITCH: ServiceSpec<SetBool> = ServiceSpec::new(OWN, "switch").between(SERVING, &[User::Feedback("asking")], "");
+const MISSING: ServiceSpec<SetBool> =
+    ServiceSpec::new(OWN, "missing").between(SERVING, &[User::Feedback("asking")], "");
+const DELIVER: ActionSpec<DeliverPart> =
+    ActionSpec::new(OWN, "deliver").between(SERVING, &[User::Feedback("asking")], "");
+
 impl FeederNode for Serving {
     const NAME: &'static str = "serving";
     type Config = Notes;
@@ -82,10 +95,10 @@ impl FeederNode for Serving {
 
     fn declare(io: &mut Declare, _: &Notes) -> ServingPorts {
         ServingPorts {
-            time: io.publisher("time", Qos::command()),
-            born: io.publisher("born", Qos::latched()),
-            switch: io.server("switch"),
-            deliver: io.action_server("deliver"),
+            time: io.publisher(&TIME),
+            born: io.publisher(&BORN),
+            switch: io.server(&SWITCH),
+            deliver: io.action_server(&DELIVER),
         }
     }
 
@@ -157,11 +170,11 @@ impl FeederNode for Asking {
 
     fn declare(io: &mut Declare, _: &Notes) -> AskingPorts {
         AskingPorts {
-            time: io.subscriber("time", Latency::Forward, Qos::command()),
-            born: io.subscriber("born", Latency::Forward, Qos::latched()),
-            switch: io.client("switch", Latency::Feedback),
-            missing: io.client("missing", Latency::Feedback),
-            deliver: Some(io.action_client("deliver", Latency::Feedback)),
+            time: io.subscriber(&TIME),
+            born: io.subscriber(&BORN),
+            switch: io.client(&SWITCH),
+            missing: io.client(&MISSING),
+            deliver: Some(io.action_client(&DELIVER)),
         }
     }
 

@@ -1,7 +1,8 @@
-use minifactory_msgs::Message as _;
 use minifactory_msgs::geometry_msgs::msg::Point;
+use minifactory_msgs::interface::{EVERY_NODE, Namespace, ServiceSpec, TopicSpec, User};
 use minifactory_msgs::rosgraph_msgs::msg::Clock;
 use minifactory_msgs::std_srvs::srv::{SetBool, Trigger};
+use minifactory_msgs::{Message, Service};
 
 use super::*;
 use crate::dds::Qos;
@@ -11,17 +12,37 @@ const TIMING: LoopTiming =
     LoopTiming { tick_ns: 10_000_000, forward_delay_ticks: 1, feedback_delay_ticks: 10, window_ticks: 32 };
 
 fn node(name: &str, declare: impl FnOnce(&mut Declare)) -> (String, Interface) {
-    let mut io = Declare::new("/");
+    let mut io = Declare::new(name, "/");
     declare(&mut io);
-    (name.to_owned(), io.finish())
+    (name.to_owned(), io.finish().unwrap())
 }
 
-fn publishes(io: &mut Declare, name: &str) {
-    io.publisher::<Point>(name, Qos::command());
+/// Who uses what with a latency: any node.
+fn any(latency: Latency) -> &'static [User] {
+    match latency {
+        Latency::Forward => &[User::Forward(EVERY_NODE)],
+        Latency::Feedback => &[User::Feedback(EVERY_NODE)],
+    }
 }
 
-fn hears(io: &mut Declare, name: &str, latency: Latency) {
-    io.subscriber::<Point>(name, latency, Qos::command());
+fn of_topic<M: Message>(name: &'static str, latency: Latency, qos: Qos) -> TopicSpec<M> {
+    TopicSpec::new(Namespace::Own(""), name, qos).between(&[EVERY_NODE], any(latency), "")
+}
+
+fn publishes(io: &mut Declare, name: &'static str) {
+    io.publisher::<Point>(&of_topic(name, Latency::Forward, Qos::command()));
+}
+
+fn hears(io: &mut Declare, name: &'static str, latency: Latency) {
+    io.subscriber::<Point>(&of_topic(name, latency, Qos::command()));
+}
+
+fn serves<S: Service>(io: &mut Declare, name: &'static str) {
+    io.server::<S>(&ServiceSpec::new(Namespace::Own(""), name).between(&[EVERY_NODE], &[], ""));
+}
+
+fn calls<S: Service>(io: &mut Declare, name: &'static str, latency: Latency) {
+    io.client::<S>(&ServiceSpec::new(Namespace::Own(""), name).between(&[], any(latency), ""));
 }
 
 fn connect(nodes: &[(String, Interface)]) -> Result<LoopContract, ContractError> {
@@ -88,7 +109,7 @@ fn what_nobody_else_publishes_or_serves_is_refused() {
     let error = connect(&[lonely]).unwrap_err();
     assert_eq!(error, ContractError::NoPublisher { node: "/a".into(), name: "/x".into() });
     let caller = node("/a", |io| {
-        io.client::<Trigger>("go", Latency::Forward);
+        calls::<Trigger>(io, "go", Latency::Forward);
     });
     assert_eq!(connect(&[caller]), Err(ContractError::NoServer { node: "/a".into(), name: "/go".into() }));
 }
@@ -97,7 +118,7 @@ fn what_nobody_else_publishes_or_serves_is_refused() {
 fn a_service_has_one_server_even_when_no_node_calls_it() {
     let server = |name| {
         node(name, |io| {
-            io.server::<Trigger>("go");
+            serves::<Trigger>(io, "go");
         })
     };
     let error = ContractError::TwoServers { name: "/go".into(), first: "/a".into(), second: "/b".into() };
@@ -108,7 +129,7 @@ fn a_service_has_one_server_even_when_no_node_calls_it() {
 fn partners_must_agree_about_the_type() {
     let publisher = node("/a", |io| publishes(io, "x"));
     let subscriber = node("/b", |io| {
-        io.subscriber::<Clock>("x", Latency::Forward, Qos::command());
+        io.subscriber::<Clock>(&of_topic("x", Latency::Forward, Qos::command()));
     });
     let mismatch = |expected: &str, found: &str| ContractError::TypeMismatch {
         node: "/b".into(),
@@ -120,12 +141,25 @@ fn partners_must_agree_about_the_type() {
     let error = mismatch(&Clock::INFO.ros_type(), &Point::INFO.ros_type());
     assert_eq!(connect(&[publisher, subscriber]), Err(error));
     let server = node("/a", |io| {
-        io.server::<Trigger>("x");
+        serves::<Trigger>(io, "x");
     });
     let client = node("/b", |io| {
-        io.client::<SetBool>("x", Latency::Forward);
+        calls::<SetBool>(io, "x", Latency::Forward);
     });
     assert_eq!(connect(&[server, client]), Err(mismatch("std_srvs/srv/SetBool", "std_srvs/srv/Trigger")));
+}
+
+#[test]
+fn a_publisher_must_offer_what_a_subscriber_asks_for() {
+    let connected = |offered: Qos, asked: Qos| {
+        let publisher = node("/a", |io| _ = io.publisher::<Point>(&of_topic("x", Latency::Forward, offered)));
+        let subscriber = node("/b", |io| _ = io.subscriber::<Point>(&of_topic("x", Latency::Forward, asked)));
+        connect(&[publisher, subscriber]).map(|_| ()).map_err(|error| error.to_string())
+    };
+    assert_eq!(connected(Qos::latched(), Qos::sensor()), Ok(()));
+    let refused = |why: &str| Err(format!("/b cannot hear /x from /a: {why}"));
+    assert_eq!(connected(Qos::sensor(), Qos::command()), refused("RELIABLE is asked for, BEST_EFFORT is offered"));
+    assert_eq!(connected(Qos::command(), Qos::latched()), refused("TRANSIENT_LOCAL is asked for, VOLATILE is offered"));
 }
 
 /// Topics and services have names of their own in ROS 2.
@@ -133,11 +167,11 @@ fn partners_must_agree_about_the_type() {
 fn regress_a_service_may_have_the_name_of_a_topic() {
     let both = node("/a", |io| {
         publishes(io, "x");
-        io.server::<Trigger>("x");
+        serves::<Trigger>(io, "x");
     });
     let user = node("/b", |io| {
         hears(io, "x", Latency::Forward);
-        io.client::<Trigger>("x", Latency::Forward);
+        calls::<Trigger>(io, "x", Latency::Forward);
     });
     let contract = connect(&[both, user]).unwrap();
     let forth = contract.edges.iter().find(|edge| edge.from == 0).unwrap();
@@ -188,11 +222,11 @@ fn every_publisher_of_a_topic_is_heard_and_the_topic_is_shared() {
 fn every_client_of_a_service_gets_its_own_replies() {
     let client = |name, latency| {
         node(name, move |io| {
-            io.client::<Trigger>("go", latency);
+            calls::<Trigger>(io, "go", latency);
         })
     };
     let server = node("/s", |io| {
-        io.server::<Trigger>("go");
+        serves::<Trigger>(io, "go");
     });
     let contract = connect(&[client("/a", Latency::Forward), server, client("/b", Latency::Feedback)]).unwrap();
     let (request, reply) = (Channel::Request("/go".into()), Channel::Reply("/go".into()));

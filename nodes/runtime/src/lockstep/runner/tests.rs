@@ -1,12 +1,13 @@
 use std::sync::mpsc::channel;
 
 use minifactory_msgs::geometry_msgs::msg::Point;
+use minifactory_msgs::interface::{EVERY_NODE, Namespace, ServiceSpec, TopicSpec, User};
 use minifactory_msgs::std_srvs::srv::Trigger;
 
 use super::*;
 use crate::dds::Qos;
 use crate::lockstep::LoopTiming;
-use crate::node::{Declare, Latency};
+use crate::node::Declare;
 
 const TICK_NS: u64 = 10_000_000;
 
@@ -73,17 +74,21 @@ impl Links for Kept {
 }
 
 fn interface(declare: impl FnOnce(&mut Declare)) -> Interface {
-    let mut io = Declare::new("/");
+    let mut io = Declare::new("toy", "/");
     declare(&mut io);
-    io.finish()
+    io.finish().unwrap()
 }
 
+const ANY: &[User] = &[User::Forward(EVERY_NODE)];
+const X: TopicSpec<Point> = TopicSpec::new(Namespace::Own(""), "x", Qos::command()).between(&[EVERY_NODE], ANY, "");
+const GO: ServiceSpec<Trigger> = ServiceSpec::new(Namespace::Own(""), "go").between(&[EVERY_NODE], ANY, "");
+
 fn publishes(io: &mut Declare) {
-    io.publisher::<Point>("x", Qos::command());
+    io.publisher(&X);
 }
 
 fn subscribes(io: &mut Declare) {
-    io.subscriber::<Point>("x", Latency::Forward, Qos::command());
+    io.subscriber(&X);
 }
 
 fn contract(nodes: &[(String, Interface)]) -> LoopContract {
@@ -167,12 +172,12 @@ fn a_contract_made_for_other_ports_is_refused() {
     assert_eq!(refused(interface(publishes)), misfit("/x"));
     let both = interface(|io| {
         subscribes(io);
-        io.client::<Trigger>("go", Latency::Forward);
+        io.client(&GO);
     });
     assert_eq!(refused(both), misfit("/go"));
     let serves_too = interface(|io| {
         subscribes(io);
-        io.server::<Trigger>("go");
+        io.server(&GO);
     });
     assert_eq!(refused(serves_too), None, "a service without clients in the loop is no misfit");
 }

@@ -1,5 +1,6 @@
 use minifactory_msgs::action::{DeliverPart, DeliverPartFeedback, DeliverPartGoal, DeliverPartResult};
 use minifactory_msgs::action_msgs::msg::GoalStatus as StatusMessage;
+use minifactory_msgs::interface::{Namespace, User};
 use proptest::prelude::*;
 
 use super::super::{Arrival, AskerInner, Interface, Output, PortKind};
@@ -41,12 +42,15 @@ fn result(reason: &str) -> DeliverPartResult {
     DeliverPartResult { reason: reason.into(), ..Default::default() }
 }
 
+const DELIVER: ActionSpec<DeliverPart> =
+    ActionSpec::new(Namespace::Own(""), "deliver").between(&["serves"], &[User::Forward("asks")], "");
+
 impl Bench {
     fn new() -> Self {
-        let (mut asks, mut serves) = (Declare::new("/a"), Declare::new("/a"));
-        let client = ActionClient::new(asks.action_client("deliver", Latency::Forward));
-        let server = ActionServer::new(serves.action_server("deliver"));
-        let interfaces = [asks.finish(), serves.finish()];
+        let (mut asks, mut serves) = (Declare::new("asks", "/a"), Declare::new("serves", "/a"));
+        let client = ActionClient::new(asks.action_client(&DELIVER));
+        let server = ActionServer::new(serves.action_server(&DELIVER));
+        let interfaces = [asks.finish().unwrap(), serves.finish().unwrap()];
         let ios = [0, 1].map(|side: usize| StepIo::new(interfaces[side].ports.len(), TICK_NS));
         Self {
             tick: 0,

@@ -1,0 +1,113 @@
+//! The topics of the feeder: name, type, quality of service, who publishes, who hears and how late.
+
+use minifactory_msgs::interface::User::{Feedback, Forward, Outside};
+use minifactory_msgs::interface::{Qos, TopicSpec};
+use minifactory_msgs::msg::{
+    AreaLeases, CourierState, DeliveryState, Factsheet, FeedMetrics, FeederState, PartStates, PickEvent, RunProgress,
+    TrayMotion, Waveform,
+};
+use minifactory_msgs::nav_msgs::msg::Odometry;
+use minifactory_msgs::sensor_msgs::msg::{CameraInfo, CompressedImage, Image, JointState};
+use minifactory_msgs::tf2_msgs::msg::TFMessage;
+use minifactory_msgs::vision_msgs::msg::Detection3DArray;
+
+use crate::interface::interface;
+use crate::interface::namespaces::{FEEDER, GLOBAL, PLATEN, STATION};
+use crate::interface::nodes::{
+    COURIER_DRIVER, DELIVERY_PLANNER, OVERHEAD_MANIPULATOR, PART_SIMULATOR, PLATEN_ARBITER, RUN_MONITOR,
+    VISION_SELECTOR, WAVEFORM_GENERATOR,
+};
+
+pub use minifactory_msgs::interface::standard::{CLOCK, DIAGNOSTICS, PARAMETER_EVENTS, ROSOUT};
+
+interface! {
+    /// All topics of this module's own.
+    all;
+
+    /// The waveform, m/s² or rad/s² by s, and whether it runs; again twice a second while it does, as a sign of life
+    WAVEFORM: TopicSpec<Waveform> = TopicSpec::new(FEEDER, "waveform", Qos::latched()),
+        [WAVEFORM_GENERATOR] => [Forward(COURIER_DRIVER)];
+
+    /// How the tray moved in the last tick, a sample each servo period: m, rad, their rates and accelerations
+    TRAY_MOTION: TopicSpec<TrayMotion> = TopicSpec::new(FEEDER, "tray_motion", Qos::command()),
+        [COURIER_DRIVER] => [Forward(PART_SIMULATOR)];
+
+    /// Pose of the courier on the platen, m and rad, and its velocity in its own frame, m/s and rad/s
+    ODOMETRY: TopicSpec<Odometry> = TopicSpec::new(FEEDER, "odometry", Qos::command()),
+        [COURIER_DRIVER] => [
+            Forward(VISION_SELECTOR), Forward(DELIVERY_PLANNER), Forward(RUN_MONITOR), Outside("viewers"),
+        ];
+
+    /// Position and velocity of the courier's axes: x and y in m and m/s, yaw in rad and rad/s
+    JOINT_STATES: TopicSpec<JointState> = TopicSpec::new(FEEDER, "joint_states", Qos::command()),
+        [COURIER_DRIVER] => [Outside("viewers")];
+
+    /// What the courier does, its tracking errors in m and rad, its fault, and the waveform it has heard last
+    COURIER_STATE: TopicSpec<CourierState> = TopicSpec::new(FEEDER, "courier_state", Qos::command()),
+        [COURIER_DRIVER] => [Forward(DELIVERY_PLANNER), Feedback(WAVEFORM_GENERATOR), Outside("viewers")];
+
+    /// The courier in the platen's frame, m
+    TF: TopicSpec<TFMessage> = TopicSpec::new(GLOBAL, "tf", Qos::command()),
+        [COURIER_DRIVER] => [Outside("viewers")];
+
+    /// Frames that stay where they are, m: the tray on the courier, the camera, the tools
+    TF_STATIC: TopicSpec<TFMessage> = TopicSpec::new(GLOBAL, "tf_static", Qos::latched()),
+        [COURIER_DRIVER, PART_SIMULATOR, OVERHEAD_MANIPULATOR] => [Outside("viewers")];
+
+    /// Ground truth of every part, in polar coordinates of the tray, m and rad; nobody in the feeder hears it
+    PARTS: TopicSpec<PartStates> = TopicSpec::new(FEEDER, "parts", Qos::sensor()),
+        [PART_SIMULATOR] => [Forward(RUN_MONITOR), Outside("viewers")];
+
+    /// Ground truth of every gripper that closed, its place in m
+    PICKS: TopicSpec<PickEvent> = TopicSpec::new(FEEDER, "picks", Qos::command()),
+        [PART_SIMULATOR] => [Forward(RUN_MONITOR), Outside("viewers")];
+
+    /// Compressed grey pictures of the camera, each below 64 kB
+    IMAGE_COMPRESSED: TopicSpec<CompressedImage> =
+        TopicSpec::new(FEEDER, "camera/image_raw/compressed", Qos::command()),
+        [PART_SIMULATOR] => [Forward(VISION_SELECTOR), Outside("viewers")];
+
+    /// Grey pictures of the camera, sent while somebody looks
+    IMAGE_RAW: TopicSpec<Image> = TopicSpec::new(FEEDER, "camera/image_raw", Qos::sensor()),
+        [PART_SIMULATOR] => [Outside("viewers")];
+
+    /// Calibration of the camera, px
+    CAMERA_INFO: TopicSpec<CameraInfo> = TopicSpec::new(FEEDER, "camera/camera_info", Qos::command()),
+        [PART_SIMULATOR] => [Outside("viewers")];
+
+    /// The pictures with what was seen drawn in, sent while somebody looks
+    IMAGE_ANNOTATED: TopicSpec<Image> = TopicSpec::new(FEEDER, "camera/annotated", Qos::sensor()),
+        [VISION_SELECTOR] => [Outside("viewers")];
+
+    /// Every part seen wholly on the plateau, in the tray's frame, m, at the stamp of the picture
+    CANDIDATES: TopicSpec<Detection3DArray> = TopicSpec::new(FEEDER, "candidates", Qos::command()),
+        [VISION_SELECTOR] => [Forward(DELIVERY_PLANNER), Forward(RUN_MONITOR), Outside("viewers")];
+
+    /// Where the planner stands in its sequence, and counts of deliveries; at least twice a second, as a sign of life
+    DELIVERY_STATE: TopicSpec<DeliveryState> = TopicSpec::new(FEEDER, "delivery_state", Qos::command()),
+        [DELIVERY_PLANNER] => [Feedback(COURIER_DRIVER), Forward(RUN_MONITOR), Outside("viewers")];
+
+    /// Whether the feeder takes goals, and if not why
+    STATE: TopicSpec<FeederState> = TopicSpec::new(FEEDER, "state", Qos::latched()),
+        [DELIVERY_PLANNER] => [Outside("agents")];
+
+    /// What the feeder feeds, where to, and how fast and finely, in m and s
+    FACTSHEET: TopicSpec<Factsheet> = TopicSpec::new(FEEDER, "factsheet", Qos::latched()),
+        [DELIVERY_PLANNER] => [Outside("agents")];
+
+    /// Position and velocity of a manipulator's axes: z in m and m/s, theta in rad and rad/s
+    TOOL_JOINT_STATES: TopicSpec<JointState> = TopicSpec::new(STATION, "joint_states", Qos::command()),
+        [OVERHEAD_MANIPULATOR] => [Outside("viewers")];
+
+    /// All leases of areas of the platen, m, and who waits for one
+    LEASES: TopicSpec<AreaLeases> = TopicSpec::new(PLATEN, "leases", Qos::latched()),
+        [PLATEN_ARBITER] => [Forward(RUN_MONITOR), Outside("agents, viewers")];
+
+    /// The score of a run by ground truth, ten times a second; slip in m
+    PROGRESS: TopicSpec<RunProgress> = TopicSpec::new(FEEDER, "progress", Qos::command()),
+        [RUN_MONITOR] => [Outside("viewers")];
+
+    /// How well the feeder feeds and the selector selects, once a second: parts a minute, gaps in m
+    FEED_METRICS: TopicSpec<FeedMetrics> = TopicSpec::new(FEEDER, "feed_metrics", Qos::command()),
+        [RUN_MONITOR] => [Outside("viewers")];
+}
