@@ -12,7 +12,7 @@ const PROTOCOL_VERSION: &str = "1.0";
 /// The factsheet of a scenario's feeder, with its first recipe in force.
 pub(crate) fn of(config: &Scenario, part: &PartType) -> Factsheet {
     let delivery = config.delivery(part);
-    let (gentle, limits) = (delivery.gentle(), &config.courier.limits);
+    let (gentle, limits) = (delivery.gentle, &config.courier.limits);
     let by_friction_m_s2 = gentle.friction_share * gentle.friction * gentle.gravity_m_s2;
     let by_motor_m_s2 = limits.translation_acceleration_m_s2_max(&config.courier.load);
     let recipes = config.recipes(part);

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use feeder_control::delivery::Strategy;
+use feeder_control::delivery::{DeliveryConfig, GentleParameters};
 use serde::Serialize;
 
 use feeder::summary::Summary;
@@ -34,6 +34,13 @@ struct Comparison {
     gain: f64,
 }
 
+/// What one would set up first: one part a trip in the order of the requests, fixed waits that are long enough, and moves at
+/// half of what friction holds, with so much jerk that the speed is a trapezoid.
+fn naive(given: DeliveryConfig) -> DeliveryConfig {
+    let gentle = GentleParameters { friction_share: 0.5, jerk_m_s3_max: 1e4, ..given.gentle };
+    DeliveryConfig { stops_max: 1, feed_s_min: 2.0, settle_s: 0.8, gentle, ..given }
+}
+
 /// Runs both and prints the comparison as JSON.
 ///
 /// # Errors
@@ -48,13 +55,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         ..UpArgs::default()
     };
     let stop = up::stop_on_signals()?;
-    let under = |strategy| {
+    let under = |planner: fn(DeliveryConfig) -> DeliveryConfig| {
         let mut scenario = up::load_scenario(&options)?;
-        scenario.delivery.strategy = strategy;
+        scenario.delivery = planner(scenario.delivery);
         let ended = up::execute(&scenario, &options, &stop)?;
         ended.outcome.map(|()| ended.summary)
     };
-    let (optimal, naive) = (under(Strategy::Optimal)?, under(Strategy::Naive)?);
+    let (optimal, naive) = (under(|as_given| as_given)?, under(naive)?);
     let gain = optimal.delivered_per_minute / naive.delivered_per_minute;
     println!("{}", serde_json::to_string_pretty(&Comparison { optimal, naive, gain })?);
     Ok(())

@@ -23,40 +23,6 @@ pub enum Policy {
     All,
 }
 
-/// How a planner decides and moves.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Strategy {
-    /// Predicts, serves several stations on a trip where that pays, waits no longer than needed, moves at the limit.
-    #[default]
-    Optimal,
-    /// What one would write first, to compare with: one part a trip in the order of the requests, fixed waits, a
-    /// trapezoid of speed at half of what friction holds.
-    Naive,
-}
-
-/// The fixed values of [`Strategy::Naive`].
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct NaiveParameters {
-    /// Feeding before each look, s.
-    pub feed_s: f64,
-    /// Wait for the vibration to end, s.
-    pub stop_s: f64,
-    /// Wait for parts to come to rest, s.
-    pub settle_s: f64,
-    /// Share of the acceleration that friction holds which is used.
-    pub friction_share: f64,
-    /// Jerk, m/s³: so large that the speed is a trapezoid.
-    pub jerk_m_s3_max: f64,
-}
-
-impl Default for NaiveParameters {
-    fn default() -> Self {
-        Self { feed_s: 2.0, stop_s: 0.5, settle_s: 0.5, friction_share: 0.5, jerk_m_s3_max: 1e4 }
-    }
-}
-
 /// A delivery planner's parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -81,10 +47,6 @@ pub struct DeliveryConfig {
     /// The courier's cable, if that is short enough to matter.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tether: Option<Tether>,
-    /// How the planner decides and moves.
-    pub strategy: Strategy,
-    /// Fixed values of the naive strategy.
-    pub naive: NaiveParameters,
     /// Most stations served on one trip.
     pub stops_max: u32,
     /// How gently parts are carried.
@@ -137,8 +99,6 @@ impl Default for DeliveryConfig {
             footprint_radius_m: Surroundings::default().footprint_radius_m,
             corner_m: Surroundings::default().corner_m,
             tether: None,
-            strategy: Strategy::default(),
-            naive: NaiveParameters::default(),
             stops_max: 4,
             gentle: GentleParameters::default(),
             policy: Policy::default(),
@@ -187,11 +147,6 @@ impl DeliveryConfig {
         check_range("look_timeout_s", self.look_timeout_s, 0.1, 60.0)?;
         check_range("move_grace_s", self.move_grace_s, 0.1, 60.0)?;
         self.surroundings().validate()?;
-        check_range("naive.feed_s", self.naive.feed_s, 0.0, 60.0)?;
-        check_range("naive.stop_s", self.naive.stop_s, 0.0, 60.0)?;
-        check_range("naive.settle_s", self.naive.settle_s, 0.0, 60.0)?;
-        check_range("naive.friction_share", self.naive.friction_share, 0.05, 2.0)?;
-        check_range("naive.jerk_m_s3_max", self.naive.jerk_m_s3_max, 1.0, 1e4)?;
         check_range("stops_max", f64::from(self.stops_max), 1.0, 4.0)?;
         check_range("stop_drift_s", self.stop_drift_s, 0.0, 5.0)?;
         check_range("area_wait_s", self.area_wait_s, 0.0, 3600.0)?;
@@ -211,23 +166,7 @@ impl DeliveryConfig {
         }
     }
 
-    /// How gently parts are carried by the strategy chosen.
-    #[must_use]
-    pub fn gentle(&self) -> GentleParameters {
-        match self.strategy {
-            Strategy::Optimal => self.gentle,
-            Strategy::Naive => GentleParameters {
-                friction_share: self.naive.friction_share,
-                jerk_m_s3_max: self.naive.jerk_m_s3_max,
-                ..self.gentle
-            },
-        }
-    }
-
     pub(super) fn settle(&self) -> Duration {
-        Duration::from_secs_f64(match self.strategy {
-            Strategy::Optimal => self.settle_s,
-            Strategy::Naive => self.naive.settle_s,
-        })
+        Duration::from_secs_f64(self.settle_s)
     }
 }

@@ -21,7 +21,7 @@ mod surroundings;
 pub mod tour;
 
 pub use choice::{Candidate, CandidateFrame, Choice};
-pub use config::{DeliveryConfig, NaiveParameters, Policy, Strategy};
+pub use config::{DeliveryConfig, Policy};
 pub use hold::{holding_acceleration_m_s2, ramp_parts};
 pub use plan::{GentleParameters, MovePlan, MovePlanner, PlanError};
 pub use protocol::{

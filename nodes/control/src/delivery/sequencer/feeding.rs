@@ -1,11 +1,8 @@
 //! What happens at the feeding place.
 
-use std::cmp::Ordering;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use super::super::choice::{Candidate, angle_rad, fitting};
-use super::super::config::Strategy;
 use super::super::protocol::{Failure, Output, Stamp, Warning};
 use super::super::tour::{Stop, Tour, best_tour};
 use super::{DeliverySequencer, State, late, mean_s};
@@ -46,11 +43,7 @@ impl DeliverySequencer {
         let wanted: Vec<u64> =
             frame.candidates.iter().filter(|part| self.is_wanted(part)).map(|part| part.id).collect();
         self.drift.feed(&frame, |candidate| wanted.contains(&candidate.id));
-        let stop = match self.config.strategy {
-            Strategy::Naive => late(now, since, self.config.naive.feed_s) && !wanted.is_empty(),
-            Strategy::Optimal => late(now, since, self.config.feed_s_min) && self.is_time_to_stop(now),
-        };
-        stop && self.stop(now)
+        late(now, since, self.config.feed_s_min) && self.is_time_to_stop(now) && self.stop(now)
     }
 
     /// Whether a trip with the parts that would come to rest now delivers more a minute than one that waits for another
@@ -108,11 +101,7 @@ impl DeliverySequencer {
 
     pub(super) fn stopping(&mut self, now: Stamp, since: Stamp) -> bool {
         let stopped = self.rest_since.is_some() && self.courier.is_some_and(|report| report.stamp >= since);
-        let waited = match self.config.strategy {
-            Strategy::Optimal => true,
-            Strategy::Naive => late(now, since, self.config.naive.stop_s),
-        };
-        if stopped && waited {
+        if stopped {
             return self.enter(State::Settling, None);
         }
         late(now, since, self.config.stop_timeout_s) && self.fail(now, Failure::DidNotStop)
@@ -170,17 +159,8 @@ impl DeliverySequencer {
     /// The stops of the next trip with the parts as they lie.
     fn choose(&self) -> Option<VecDeque<Stop>> {
         let frame = self.frame.as_ref()?;
-        if self.config.strategy == Strategy::Optimal {
-            let tour = best_tour(frame, &self.offers(), &self.config, &self.planner, &self.overheads)?;
-            return Some(tour.stops.into());
-        }
-        let oldest = self.queue.front()?;
-        let later = |a: &&Candidate, b: &&Candidate| angle_rad(a).partial_cmp(&angle_rad(b)).unwrap_or(Ordering::Equal);
-        let fits = |part: &Candidate| {
-            fitting(part, frame.stamp, &oldest.request, &oldest.station_m, &self.config, &self.planner)
-        };
-        let part = frame.candidates.iter().filter(|part| fits(part).is_some()).max_by(later)?;
-        fits(part).map(|choice| [Stop { id: oldest.id, choice }].into())
+        let tour = best_tour(frame, &self.offers(), &self.config, &self.planner, &self.overheads)?;
+        Some(tour.stops.into())
     }
 
     /// Feeding off, and on to a look at the parts at rest.

@@ -10,7 +10,7 @@ use std::time::Duration;
 use nalgebra::{Vector2, Vector3};
 
 use super::choice::{CandidateFrame, Choice, fitting};
-use super::config::{DeliveryConfig, Strategy};
+use super::config::DeliveryConfig;
 use super::drift::Drift;
 use super::leases::Leases;
 use super::plan::MovePlanner;
@@ -125,7 +125,7 @@ impl DeliverySequencer {
         load: Load,
     ) -> Result<Self, OutOfRange> {
         config.validate()?;
-        let planner = MovePlanner::new(config.gentle(), tray, limits, load)?.among(config.surroundings())?;
+        let planner = MovePlanner::new(config.gentle, tray, limits, load)?.among(config.surroundings())?;
         planner.check_reach(&config.feeding_place)?;
         Ok(Self {
             leases: Leases::new(config.arbitrated),
@@ -324,10 +324,7 @@ impl DeliverySequencer {
             request: &delivery.request,
             station_m: delivery.station_m,
         });
-        match self.config.strategy {
-            Strategy::Optimal => open.collect(),
-            Strategy::Naive => open.take(1).collect(),
-        }
+        open.collect()
     }
 
     fn delivery(&self, id: DeliveryId) -> Option<&Delivery> {
