@@ -169,6 +169,20 @@ const BAD_SCENARIOS: &[Bad] = &[
         new: "parts_loaded: 30.5",
         said: &["parts_loaded: 30.5", "line"],
     },
+    Bad {
+        what: "a part placed in no pose of its own",
+        section: "",
+        key: "parts_loaded",
+        new: "parts_placed: [{ pose: upright, radius_m: 0.06, angle_rad: 4.2, yaw_rad: 0.0 }]\nparts_loaded: 20",
+        said: &["parts_placed", "upright", "hole_up"],
+    },
+    Bad {
+        what: "a part placed in a wall",
+        section: "",
+        key: "parts_loaded",
+        new: "parts_placed: [{ pose: hole_up, radius_m: 0.089, angle_rad: 4.2, yaw_rad: 0.0 }]\nparts_loaded: 20",
+        said: &["parts_placed", "0.089"],
+    },
     Bad { what: "a negative seed", section: "", key: "seed", new: "seed: -1", said: &["seed: -1", "line"] },
     Bad {
         what: "no number",

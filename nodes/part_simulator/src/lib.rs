@@ -90,7 +90,7 @@ impl FeederNode for PartSimulator {
         for hazard in part.hazards() {
             tracing::warn!("{}: likely in bulk, and not modelled: {hazard}", part.name);
         }
-        let mut bulk = PartBulk::new(config.tray.geometry, part, settings, seed).map_err(NodeError::new)?;
+        let mut bulk = config.bulk(part, settings, seed).map_err(NodeError::new)?;
         let wanted = usize::try_from(config.parts_loaded).map_err(NodeError::new)?;
         let outcome = bulk.load(wanted);
         if outcome.refused > 0 {

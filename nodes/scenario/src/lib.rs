@@ -4,6 +4,7 @@ mod catalogue;
 mod cell;
 mod loading;
 mod motor;
+mod placed;
 mod source;
 mod waveform;
 
@@ -25,6 +26,7 @@ use feeder_sim::camera::{LightModel, PartSolid, Scene, SensorModel, TrayAppearan
 use feeder_sim::parts::BulkSettings;
 use feeder_vision::{PartModel, Selector, SelectorConfig};
 pub use motor::{MotorSource, SimulatedCourier, SimulatedDriver, assumed_motor};
+pub use placed::PlacedPart;
 pub use source::Source;
 pub use waveform::WaveformSpec;
 
@@ -62,7 +64,10 @@ pub struct Scenario {
     /// How the parts behave in bulk. Where the radii are left out they follow from waveform, tray and friction.
     #[serde(default)]
     pub bulk: BulkSettings,
-    /// How many parts are loaded at the start.
+    /// Parts that lie at stated places at the start; others are loaded round them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub parts_placed: Vec<PlacedPart>,
+    /// How many parts are loaded at random at the start.
     pub parts_loaded: u32,
     /// A hopper at the feeding place adds parts, one at a time, while fewer than this are in the feeder; 0: there is none.
     #[serde(default)]
@@ -356,8 +361,7 @@ impl Scenario {
         self.validate_waveform()?;
         let part = self.part_type()?;
         let bulk = self.bulk_settings(&part)?;
-        feeder_sim::parts::PartBulk::new(self.tray.geometry, part.clone(), bulk, self.seed)
-            .map_err(|error| invalid("bulk", &error))?;
+        self.bulk(part.clone(), bulk, self.seed)?;
         self.validate_camera(&part)?;
         if let Some(Source::Here(model)) = &self.part_model {
             check_taught(model, &part)?;
