@@ -16,7 +16,7 @@ from cyclonedds.idl.types import array, float64, int8, int64, sequence, uint8, u
 
 from ros import LATCHED, RELIABLE, Header, Peer, Service, Time
 
-PROTOCOL_MAJOR = 1
+PROTOCOL_MAJOR = 2
 MOVING, PRESENTED = 4, 5
 TAKEN, NOT_TAKEN, RELEASED = 0, 1, 2
 
@@ -110,6 +110,7 @@ class SendGoalRequest(IdlStruct, typename="minifactory_msgs::action::dds_::Deliv
     part_class: str
     pose_class: str
     tolerance_m: float64
+    part_gap_m_min: float64
     timeout_s: float64
 
 
@@ -309,10 +310,10 @@ class Agent(Peer):
         self.wait_until("a factsheet", lambda: self.facts and recipe in (None, self.facts[-1].recipe))
         return self.facts[-1]
 
-    def ask(self, station, tolerance_m, timeout_s=60.0, pose_class=""):
+    def ask(self, station, tolerance_m, timeout_s=60.0, pose_class="", part_gap_m_min=0.0):
         """Asks for a part; returns the goal's identifier and whether it was accepted."""
         goal = UUID(list(uuid.uuid4().bytes))
-        answer = self.send_goal.call(goal, station, "", pose_class, tolerance_m, timeout_s)
+        answer = self.send_goal.call(goal, station, "", pose_class, tolerance_m, part_gap_m_min, timeout_s)
         return goal, answer.accepted
 
     def phases(self, goal):
@@ -443,6 +444,7 @@ def main():
         "negative tolerance": agent.ask(options.station, -0.001)[1],
         "tolerance too fine": agent.ask(options.station, facts.tolerance_m_min / 2)[1],
         "unknown pose": agent.ask(options.station, tolerance_m, pose_class="upside down")[1],
+        "negative gap": agent.ask(options.station, tolerance_m, part_gap_m_min=-0.001)[1],
     }
     prepared = agent.change_and_purge(facts)
     areas = agent.claim_areas(facts)

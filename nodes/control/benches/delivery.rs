@@ -12,6 +12,7 @@ use feeder_control::delivery::{
 };
 use feeder_control::platen::{Arbiter, Area, Reservation};
 use feeder_model::motor::Load;
+use feeder_model::part::Refusals;
 use feeder_model::tray::TrayGeometry;
 use nalgebra::{Vector2, Vector3};
 
@@ -42,18 +43,18 @@ fn trips(criterion: &mut Criterion) {
         position_in_tray_m: Vector2::new(0.06 - 0.025 * f64::from(index), -0.05),
         yaw_in_tray_rad: 0.0,
         part_class: "washer".into(),
-        pose_class: "face_up".into(),
+        pose_class: Some("face_up".into()),
         radius_m: 0.0025,
-        confidence: 0.9,
-        clearance_m: 0.01,
-        on_plateau: true,
+        part_gap_m: 0.01,
+        refusals: Refusals::default(),
     });
-    let frame = CandidateFrame { stamp: Duration::ZERO, candidates: candidates.collect(), seen: 5 };
+    let frame = CandidateFrame { stamp: Duration::ZERO, candidates: candidates.collect() };
     let request = DeliveryRequest {
         station: "station_1".into(),
         part_class: "washer".into(),
         pose_classes: vec!["face_up".into()],
         tolerance_m: 1e-3,
+        part_gap_m_min: None,
         timeout: None,
     };
     let places = [(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)];

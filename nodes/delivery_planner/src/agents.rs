@@ -109,11 +109,21 @@ impl DeliveryPlanner {
                     .map_err(|_| format!("timeout_s = {timeout_s}, allowed is 0 (never) or a positive number"))?,
             ),
         };
+        let part_gap_m_min = match goal.part_gap_m_min {
+            0.0 => None,
+            least_m if least_m > 0.0 && least_m.is_finite() => Some(least_m),
+            other => {
+                return Err(format!(
+                    "part_gap_m_min = {other}, allowed is 0 (what the gripper needs) or a positive number"
+                ));
+            }
+        };
         let request = DeliveryRequest {
             station: goal.station.clone(),
             part_class: self.part_class.clone(),
             pose_classes,
             tolerance_m: goal.tolerance_m,
+            part_gap_m_min,
             timeout,
         };
         self.sequencer.request(now, request).map_err(|refusal| refusal.to_string())

@@ -21,13 +21,12 @@ use feeder_wire::pose::yaw_of_quaternion;
 use feeder_wire::{nodes, services, topics};
 use minifactory_msgs::action::DeliverPart;
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectory, FollowJointTrajectoryResult};
-use minifactory_msgs::msg::{CourierState, DeliveryState, Factsheet, FeederState};
+use minifactory_msgs::msg::{CourierState, DeliveryState, Factsheet, FeederState, PartCandidates};
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::srv::{
     ChangeRecipe, Purge, ReleaseArea, ReleaseAreaRequest, ReportHandover, ReserveArea, ReserveAreaRequest, SetWaveform,
 };
 use minifactory_msgs::std_srvs::srv::{SetBool, SetBoolRequest, Trigger};
-use minifactory_msgs::vision_msgs::msg::Detection3DArray;
 use nalgebra::Vector3;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
@@ -39,7 +38,7 @@ const REPEAT_PERIOD_NS: u64 = 500_000_000;
 /// Handles of the planner's plain ports.
 #[derive(Clone, Copy)]
 struct Plain {
-    candidates: Subscriber<Detection3DArray>,
+    part_candidates: Subscriber<PartCandidates>,
     odometry: Subscriber<Odometry>,
     courier_state: Subscriber<CourierState>,
     set_feeding: Client<SetBool>,
@@ -126,7 +125,7 @@ impl FeederNode for DeliveryPlanner {
 
     fn declare(io: &mut Declare, config: &Scenario) -> Ports {
         let plain = Plain {
-            candidates: io.subscriber(&topics::CANDIDATES),
+            part_candidates: io.subscriber(&topics::PART_CANDIDATES),
             odometry: io.subscriber(&topics::ODOMETRY),
             courier_state: io.subscriber(&topics::COURIER_STATE),
             set_feeding: io.client(&services::SET_FEEDING),
@@ -215,8 +214,11 @@ impl DeliveryPlanner {
                 });
             }
         }
-        for message in io.take(&self.ports.candidates) {
-            self.sequencer.candidates(messages::candidate_frame(&message));
+        for message in io.take(&self.ports.part_candidates) {
+            match messages::candidate_frame(&message) {
+                Ok(frame) => self.sequencer.candidates(frame),
+                Err(error) => tracing::warn!("part_candidates passed over: {error}"),
+            }
         }
         for (_, response) in io.replies(&self.ports.set_feeding) {
             if !response.success {

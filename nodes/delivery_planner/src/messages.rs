@@ -6,16 +6,14 @@ use feeder_control::courier::{AXES, Trajectory};
 use feeder_control::delivery::{Candidate, CandidateFrame, DeliveryId, Failure, LeaseAnswer, Phase};
 use feeder_control::platen::Area;
 use feeder_runtime::node::{ns_of_stamp, stamp_of_ns};
-use feeder_wire::pose::yaw_of_quaternion;
+use feeder_wire::part_candidates::{SeenPart, UnknownRefusal};
 use minifactory_msgs::action::DeliverPartResult;
 use minifactory_msgs::builtin_interfaces::msg::{Duration as DurationMessage, Time};
 use minifactory_msgs::control_msgs::action::FollowJointTrajectoryGoal;
 use minifactory_msgs::geometry_msgs::msg::Point;
-use minifactory_msgs::msg::{self, DeliveryState};
+use minifactory_msgs::msg::{self, DeliveryState, PartCandidates};
 use minifactory_msgs::srv::ReserveAreaResponse;
 use minifactory_msgs::trajectory_msgs::msg::JointTrajectoryPoint;
-use minifactory_msgs::vision_msgs::msg::Detection3DArray;
-use nalgebra::Vector2;
 
 const DELIVERY_PREFIX: &str = "delivery_";
 
@@ -77,47 +75,23 @@ pub(crate) fn lease_answer(response: ReserveAreaResponse) -> LeaseAnswer {
     }
 }
 
-/// The parts of a selector's message. What it could not classify is no candidate, but is in the gripper's way.
-pub(crate) fn candidate_frame(message: &Detection3DArray) -> CandidateFrame {
-    let outlines: Vec<(Vector2<f64>, f64)> = message
-        .detections
-        .iter()
-        .map(|detection| {
-            let center = &detection.bbox.center.position;
-            (Vector2::new(center.x, center.y), 0.5 * detection.bbox.size.x.max(detection.bbox.size.y))
-        })
-        .collect();
-    let candidates = message.detections.iter().enumerate().filter_map(|(index, detection)| {
-        let best = detection.results.iter().max_by(|a, b| a.hypothesis.score.total_cmp(&b.hypothesis.score))?;
-        let (part_class, pose_class) = best.hypothesis.class_id.split_once('/')?;
-        let pose = &best.pose.pose;
-        Some(Candidate {
-            id: detection.id.parse().unwrap_or(0),
-            radius_m: 0.5 * detection.bbox.size.x.max(detection.bbox.size.y),
-            position_in_tray_m: Vector2::new(pose.position.x, pose.position.y),
-            yaw_in_tray_rad: yaw_of_quaternion(&pose.orientation),
-            part_class: part_class.to_owned(),
-            pose_class: pose_class.to_owned(),
-            confidence: best.hypothesis.score,
-            clearance_m: clearance_m(&outlines, index),
-            // The selector reports what lies wholly on the plateau, and nothing else.
-            on_plateau: true,
-        })
-    });
-    CandidateFrame {
+/// What a selector's message says of the parts wholly on the plateau.
+pub(crate) fn candidate_frame(message: &PartCandidates) -> Result<CandidateFrame, UnknownRefusal> {
+    let seen = feeder_wire::part_candidates::from_message(message)?;
+    let candidate = |part: SeenPart| Candidate {
+        id: part.id,
+        position_in_tray_m: part.position_in_tray_m,
+        yaw_in_tray_rad: part.yaw_in_tray_rad,
+        part_class: message.part_class.clone(),
+        pose_class: part.pose_class,
+        radius_m: part.radius_m,
+        part_gap_m: part.part_gap_m,
+        refusals: part.refusals,
+    };
+    Ok(CandidateFrame {
         stamp: Duration::from_nanos(ns_of_stamp(&message.header.stamp)),
-        candidates: candidates.collect(),
-        seen: message.detections.len(),
-    }
-}
-
-/// Distance from an outline to the nearest other one, m; infinite when it is alone.
-fn clearance_m(outlines: &[(Vector2<f64>, f64)], index: usize) -> f64 {
-    let (center, radius_m) = outlines[index];
-    let others = outlines.iter().enumerate().filter(|(other, _)| *other != index);
-    others
-        .map(|(_, (other, other_radius_m))| (center - other).norm() - radius_m - other_radius_m)
-        .fold(f64::INFINITY, f64::min)
+        candidates: seen.into_iter().filter(|part| !part.refusals.off_plateau).map(candidate).collect(),
+    })
 }
 
 /// A trajectory as a goal of `follow_joint_trajectory`.
@@ -143,4 +117,37 @@ pub(crate) fn trajectory_goal(trajectory: &Trajectory) -> FollowJointTrajectoryG
         })
         .collect();
     goal
+}
+
+#[cfg(test)]
+mod tests {
+    use feeder_model::part::Refusals;
+    use feeder_wire::part_candidates::to_message;
+    use nalgebra::Vector2;
+
+    use super::*;
+
+    #[test]
+    fn what_the_selector_refuses_the_planner_refuses_and_nothing_else() {
+        let seen = |id, refusals| SeenPart {
+            id,
+            position_in_tray_m: Vector2::new(0.0, -0.06),
+            yaw_in_tray_rad: 0.0,
+            pose_class: Some("flat".to_owned()),
+            confidence: 0.1,
+            radius_m: 0.0036,
+            part_gap_m: -0.001,
+            wall_gap_m: -0.001,
+            refusals,
+        };
+        let none = Refusals::default();
+        let near = Refusals { part_too_near: true, ..none };
+        let over_the_edge = Refusals { off_plateau: true, ..none };
+        let mut message = to_message("block", &[seen(1, none), seen(2, near), seen(3, over_the_edge)]);
+        message.header.stamp = stamp(Duration::from_millis(100));
+        let frame = candidate_frame(&message).unwrap();
+        let told: Vec<_> = frame.candidates.iter().map(|part| (part.id, part.refusals)).collect();
+        assert_eq!((frame.stamp, told), (Duration::from_millis(100), vec![(1, none), (2, near)]));
+        assert!(frame.candidates.iter().all(|part| part.part_class == "block"));
+    }
 }

@@ -243,6 +243,7 @@ impl OverheadManipulator {
                     part_class: self.part_class.clone(),
                     pose_class: self.pose_class.clone(),
                     tolerance_m: config.tolerance_m,
+                    part_gap_m_min: config.part_gap_m_min,
                     timeout_s: config.timeout_s,
                 };
                 self.feeders[self.asked].deliver.send(io, id, goal);

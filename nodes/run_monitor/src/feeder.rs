@@ -8,9 +8,10 @@ use feeder_model::part::PartType;
 use feeder_runtime::node::{Declare, Publisher, StepIo, Subscriber, ns_of_stamp};
 use feeder_scenario::Scenario;
 use feeder_wire::topics;
-use minifactory_msgs::msg::{DeliveryState, FeedMetrics, PartStates, PickEvent, RunProgress};
+use minifactory_msgs::msg::{
+    DeliveryState, FeedMetrics, PartCandidate, PartCandidates, PartStates, PickEvent, RunProgress,
+};
 use minifactory_msgs::std_msgs::msg::Header;
-use minifactory_msgs::vision_msgs::msg::Detection3DArray;
 use nalgebra::Vector2;
 
 use crate::feed::FeedScore;
@@ -23,7 +24,7 @@ const METRICS_NS: u64 = 1_000_000_000;
 /// Handles of the ports for one feeder.
 pub(crate) struct Ports {
     parts: Subscriber<PartStates>,
-    candidates: Subscriber<Detection3DArray>,
+    part_candidates: Subscriber<PartCandidates>,
     delivery: Subscriber<DeliveryState>,
     picks: Subscriber<PickEvent>,
     progress: Publisher<RunProgress>,
@@ -35,7 +36,7 @@ impl Ports {
         let namespace = format!("/{feeder}");
         Self {
             parts: io.subscriber_in(&namespace, &topics::PARTS),
-            candidates: io.subscriber_in(&namespace, &topics::CANDIDATES),
+            part_candidates: io.subscriber_in(&namespace, &topics::PART_CANDIDATES),
             delivery: io.subscriber_in(&namespace, &topics::DELIVERY_STATE),
             picks: io.subscriber_in(&namespace, &topics::PICKS),
             progress: io.publisher_in(&namespace, &topics::PROGRESS),
@@ -47,7 +48,7 @@ impl Ports {
 /// Scores one feeder.
 pub(crate) struct FeederMonitor {
     ports: Ports,
-    wanted_classes: Vec<String>,
+    wanted_pose_names: Vec<String>,
     wanted_poses: Vec<u8>,
     part_radius_m: f64,
     truth: Truth,
@@ -66,7 +67,7 @@ impl FeederMonitor {
     pub(crate) fn new(ports: Ports, feeder: &str, config: &Scenario, part: &PartType) -> Self {
         Self {
             ports,
-            wanted_classes: part.wanted_pose_names().map(|pose| format!("{}/{pose}", part.name)).collect(),
+            wanted_pose_names: part.wanted_pose_names().map(str::to_owned).collect(),
             wanted_poses: part.wanted_poses.iter().filter_map(|&pose| u8::try_from(pose).ok()).collect(),
             part_radius_m: part.outline_radius_m(),
             truth: Truth::default(),
@@ -90,7 +91,7 @@ impl FeederMonitor {
             self.truth.learn(&message);
             self.score_feed(io, &message);
         }
-        for message in io.take(&self.ports.candidates) {
+        for message in io.take(&self.ports.part_candidates) {
             self.score_candidates(&message);
         }
         for message in io.take(&self.ports.delivery) {
@@ -144,14 +145,12 @@ impl FeederMonitor {
     }
 
     /// Finds out which parts the selector meant, by where they were when the picture was taken.
-    fn score_candidates(&mut self, message: &Detection3DArray) {
+    fn score_candidates(&mut self, message: &PartCandidates) {
         let stamp_ns = ns_of_stamp(&message.header.stamp);
-        for detection in &message.detections {
-            let center = &detection.bbox.center.position;
-            let center = Vector2::new(center.x, center.y);
+        for seen in message.parts.iter().filter(|part| part.refusals & PartCandidate::OFF_PLATEAU == 0) {
+            let center = Vector2::new(seen.pose.position.x, seen.pose.position.y);
             let part = self.truth.part_at(stamp_ns, &center, self.part_radius_m);
-            let called_right =
-                detection.results.iter().any(|result| self.wanted_classes.contains(&result.hypothesis.class_id));
+            let called_right = seen.refusals == 0 && self.wanted_pose_names.contains(&seen.pose_class);
             if called_right && self.truth.knows(stamp_ns) {
                 self.score.selected(part);
             }

@@ -9,9 +9,10 @@ use feeder_model::range::OutOfRange;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SelectorConfig {
-    /// Resting poses in which a part is right.
+    /// Resting poses in which parts are handed over unless a goal or a recipe asks for others. What may be picked does not
+    /// depend on them.
     pub wanted_poses: Vec<usize>,
-    /// Confidence over frames from which a part may be selected, 0 to 1.
+    /// Confidence over frames from which a part may be picked, 0 to 1.
     pub confidence_min: f64,
     /// Free gap the gripper needs round a part to the next thing on the plateau, m.
     pub part_clearance_m: f64,

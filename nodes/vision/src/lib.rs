@@ -5,7 +5,7 @@
 //! plateau from what lies on it; `search` finds places where rings of brightness are those of a taught pose, whatever the
 //! yaw, and of parts with a yaw where a glance at all yaws misses least; `align` tries yaws there and fits place and yaw to a fraction of a pixel; `detector` takes the best fits for parts
 //! until nothing is left to explain, so that touching parts come apart; `candidate` tells pose, confidence and room. `track`
-//! follows parts from frame to frame.
+//! follows parts from frame to frame, and `rule` says which of them may be picked.
 
 mod align;
 mod blobs;
@@ -15,6 +15,7 @@ mod decode;
 mod detector;
 mod hull;
 mod overlay;
+mod rule;
 mod search;
 mod segment;
 mod sought;
@@ -28,6 +29,7 @@ use nalgebra::{Isometry2, Point2};
 
 use detector::Detector;
 use feeder_model::camera::{CameraModel, MountedTray, single};
+use feeder_model::part::Refusals;
 use feeder_model::range::OutOfRange;
 use track::Tracker;
 
@@ -127,12 +129,8 @@ impl Selector {
     ) -> Result<Vec<TrackedCandidate>, ImageFault> {
         let candidates = self.detect(image, platen_from_tray);
         let seen = candidates.as_ref().map_or(&[][..], Vec::as_slice);
-        let mut tracked = self.tracker.update(stamp_s, seen);
-        candidates?;
-        for part in &mut tracked {
-            part.selectable = self.is_selectable(part);
-        }
-        Ok(tracked)
+        let tracked = self.tracker.update(stamp_s, seen);
+        candidates.map(|_| tracked)
     }
 
     /// The parts a single frame shows, the surest match first.
@@ -167,19 +165,28 @@ impl Selector {
         [2.0 * reach(0), 2.0 * reach(1), sought.template.height_m]
     }
 
-    /// Whether a single frame shows this candidate sure and free enough to be picked.
+    /// Radius of a circle about the place of a part that holds its outline, m.
     #[must_use]
-    pub fn admits(&self, candidate: &Candidate) -> bool {
-        candidate.on_plateau
-            && candidate.confidence >= self.config.confidence_min
-            && candidate.pose.is_some_and(|pose| self.config.wanted_poses.contains(&pose))
-            && candidate.part_gap_m >= self.config.part_clearance_m
-            && candidate.wall_gap_m >= self.config.wall_clearance_m
+    pub fn radius_m(&self, candidate: &Candidate) -> f64 {
+        self.detector.sought.get(candidate.likeness).map_or(0.0, |sought| sought.radius_m)
     }
 
-    fn is_selectable(&self, part: &TrackedCandidate) -> bool {
-        let over_frames = Candidate { pose: part.pose, confidence: part.confidence, ..part.candidate };
-        part.candidate.pose == part.pose && self.admits(&over_frames)
+    /// What speaks against picking a part, whatever its pose.
+    #[must_use]
+    pub fn refusals(&self, part: &TrackedCandidate) -> Refusals {
+        rule::refusals(&self.config, &part.candidate, part.pose, part.confidence)
+    }
+
+    /// Whether a single frame, taken for all there is to see, lets this candidate be picked, whatever its pose.
+    #[must_use]
+    pub fn admits(&self, candidate: &Candidate) -> bool {
+        rule::refusals(&self.config, candidate, candidate.pose, candidate.confidence).may_be_picked()
+    }
+
+    /// Whether a resting pose is one in which parts are handed over unless something else is asked for.
+    #[must_use]
+    pub fn is_wanted(&self, pose: usize) -> bool {
+        self.config.wanted_poses.contains(&pose)
     }
 }
 

@@ -8,8 +8,8 @@ use super::Selector;
 use super::track::TrackedCandidate;
 use feeder_model::camera::single;
 
-/// Colours: may be picked, recognised in some pose, not recognised.
-const SELECTABLE: Rgb<u8> = Rgb([40, 220, 70]);
+/// Colours: wanted and may be picked, recognised in some pose, not recognised.
+const SELECTED: Rgb<u8> = Rgb([40, 220, 70]);
 const RECOGNISED: Rgb<u8> = Rgb([250, 190, 40]);
 const UNKNOWN: Rgb<u8> = Rgb([230, 50, 50]);
 const OUTLINE: Rgb<u8> = Rgb([70, 150, 250]);
@@ -18,7 +18,7 @@ const MOTION_LINE_S: f64 = 1.0;
 /// Steps of the drawn arc of the plateau.
 const ARC_STEPS: u32 = 90;
 
-/// Draws the plateau's outline (blue) and the parts into a frame: the outline of those that may be picked green, of those
+/// Draws the plateau's outline (blue) and the parts into a frame: the outline of those in a wanted pose that may be picked green, of others
 /// recognised amber, of the rest red and crossed. A part carries one tick more across its middle than the number of its
 /// pose, a line from its middle along its own x axis if it has a yaw, and a line to where it will be in a second.
 #[must_use]
@@ -54,7 +54,7 @@ pub fn draw_overlay(
         line(on_circle(inner_m, psi(step)), on_circle(outer_m, psi(step)), plateau_m, OUTLINE);
     }
     for part in candidates {
-        let colour = colour(part);
+        let colour = colour(selector, part);
         let sought = &detector.sought[part.candidate.likeness];
         let height_m = sought.plane_m;
         line(part.position_m, part.predict(part.stamp_s + MOTION_LINE_S), height_m, colour);
@@ -82,10 +82,10 @@ pub fn draw_overlay(
     canvas
 }
 
-fn colour(part: &TrackedCandidate) -> Rgb<u8> {
-    match (part.selectable, part.pose) {
-        (true, _) => SELECTABLE,
-        (false, Some(_)) => RECOGNISED,
-        (false, None) => UNKNOWN,
+fn colour(selector: &Selector, part: &TrackedCandidate) -> Rgb<u8> {
+    match part.pose {
+        Some(pose) if selector.is_wanted(pose) && selector.refusals(part).may_be_picked() => SELECTED,
+        Some(_) => RECOGNISED,
+        None => UNKNOWN,
     }
 }

@@ -253,19 +253,24 @@ fn gaps_to_walls_are_measured() {
 }
 
 #[test]
-fn selection_asks_for_pose_confidence_and_room() {
+fn what_may_be_picked_is_sure_and_has_room_in_whatever_pose() {
     let parts = [at(0.06, 4.0, 0), at(0.06, 4.6, 1), at(0.06, 5.2, 0), at(0.06, 5.2 + 0.0055 / 0.06, 1)];
     let image = simple_picture(&parts);
     let mut selector = selector();
     let tracked =
         (0..4).map(|frame| selector.process(0.1 * f64::from(frame), &image, &over_camera()).unwrap()).last().unwrap();
     assert_eq!(tracked.len(), 4);
-    let selectable: Vec<_> = tracked.iter().filter(|part| part.selectable).collect();
-    assert_eq!(selectable.len(), 1);
-    assert!((selectable[0].position_m - parts[0].place).norm() < 0.000_3);
+    for part in &tracked {
+        let laid = parts.iter().position(|laid| (part.position_m - laid.place).norm() < 0.000_3).unwrap();
+        let expected = Refusals { part_too_near: laid >= 2, ..Refusals::default() };
+        assert_eq!((part.pose, selector.refusals(part)), (Some(parts[laid].pose), expected), "part {laid}");
+    }
+    // A first look is not enough.
+    let fresh = self::selector().process(0.0, &image, &over_camera()).unwrap();
+    assert!(fresh.iter().all(|part| selector.refusals(part).pose_unsure), "{fresh:?}");
     let overlay = draw_overlay(&image, &tracked, &selector, &over_camera());
     let green = overlay.pixels().filter(|pixel| pixel.0[1] > 200 && pixel.0[0] < 100).count();
-    assert!(green > 20, "the part that may be picked is outlined in green: {green} px");
+    assert!(green > 20, "the wanted part that may be picked is outlined in green: {green} px");
 }
 
 #[test]

@@ -91,8 +91,6 @@ pub struct TrackedCandidate {
     pub confidence: f64,
     /// Frames that showed it.
     pub frames_seen: u32,
-    /// Whether it may be picked: wanted pose, sure enough, whole on the plateau, room for the gripper.
-    pub selectable: bool,
 }
 
 impl TrackedCandidate {
@@ -307,7 +305,6 @@ impl Tracker {
                 pose,
                 confidence,
                 frames_seen: track.frames_seen,
-                selectable: false,
             });
         }
         let missed_max = self.config.missed_max;

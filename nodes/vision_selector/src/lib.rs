@@ -5,8 +5,9 @@
 //!
 //! Every part that lies wholly on the plateau is a detection, its bounding box in the tray frame, turned as the part is if
 //! that has a yaw, its `id` the same from frame to frame. A detection's hypothesis names part and resting pose, as in `grommet/hole_up`, with the confidence as
-//! its score. A part whose pose is not known, and one in a wanted pose that must not be picked (not sure enough, or no
-//! room for the gripper), comes without hypothesis: it is only in the way.
+//! its score; a part whose pose is not known has none. Viewers read that. Beside it goes a message with what was measured of
+//! each part seen and what speaks against picking it, whatever its pose: planners read that, and add nothing but what is
+//! asked of them.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -15,10 +16,12 @@ use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, Settable, 
 use feeder_runtime::parameters::Range;
 use feeder_scenario::Scenario;
 use feeder_vision::{ImageFault, Selector, TrackedCandidate, draw_overlay};
+use feeder_wire::part_candidates::{self, SeenPart};
 use feeder_wire::pose::{planar_isometry, planar_pose};
 use feeder_wire::{nodes, topics};
 use image::GrayImage;
 use minifactory_msgs::geometry_msgs::msg::Vector3;
+use minifactory_msgs::msg::PartCandidates;
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::{CompressedImage, Image};
 use minifactory_msgs::std_msgs::msg::Header;
@@ -39,6 +42,7 @@ pub struct Ports {
     image: Subscriber<CompressedImage>,
     odometry: Subscriber<Odometry>,
     candidates: Publisher<Detection3DArray>,
+    part_candidates: Publisher<PartCandidates>,
     annotated: Publisher<Image>,
 }
 
@@ -58,7 +62,6 @@ pub struct VisionSelector {
 struct Names {
     part: String,
     poses: Vec<String>,
-    wanted_poses: Vec<usize>,
     tray_frame: String,
 }
 
@@ -80,6 +83,7 @@ impl FeederNode for VisionSelector {
             image: io.subscriber(&topics::IMAGE_COMPRESSED),
             odometry: io.subscriber(&topics::ODOMETRY),
             candidates: io.publisher(&topics::CANDIDATES),
+            part_candidates: io.publisher(&topics::PART_CANDIDATES),
             annotated: io.publisher(&topics::IMAGE_ANNOTATED),
         }
     }
@@ -88,7 +92,6 @@ impl FeederNode for VisionSelector {
         let part = config.part_type().map_err(NodeError::new)?;
         let names = Names {
             poses: part.poses.iter().map(|pose| pose.name.clone()).collect(),
-            wanted_poses: part.wanted_poses,
             part: part.name,
             tray_frame: format!("{}/tray", config.feeder),
         };
@@ -108,7 +111,7 @@ impl FeederNode for VisionSelector {
         &[
             Settable {
                 name: "selector.confidence_min",
-                description: "Confidence over frames from which a part may be selected; set it where light and parts are",
+                description: "Confidence over frames from which a part may be picked; set it where light and parts are",
                 range: Some(Range::Double { from: 0.0, to: 1.0, step: 0.0 }),
             },
             Settable {
@@ -146,6 +149,8 @@ impl FeederNode for VisionSelector {
             self.tell(fault);
             let detections = self.names.detections(&message.header, &tracked, &self.sight.selector);
             io.publish(&self.ports.candidates, &detections);
+            let parts = self.names.part_candidates(&message.header, &tracked, &self.sight.selector);
+            io.publish(&self.ports.part_candidates, &parts);
         }
         if io.tick() > self.seen_tick + self.patience_ticks {
             self.tell(Some(LookError::Silent));
@@ -230,8 +235,32 @@ impl Sight {
 }
 
 impl Names {
+    fn header(&self, image: &Header) -> Header {
+        Header { stamp: image.stamp, frame_id: self.tray_frame.clone() }
+    }
+
+    fn part_candidates(&self, image: &Header, tracked: &[TrackedCandidate], selector: &Selector) -> PartCandidates {
+        let part = |part: &TrackedCandidate| SeenPart {
+            id: part.id,
+            position_in_tray_m: part.candidate.centre().coords,
+            yaw_in_tray_rad: part.candidate.yaw_rad.unwrap_or(0.0),
+            pose_class: self.pose_name(part).cloned(),
+            confidence: part.confidence,
+            radius_m: selector.radius_m(&part.candidate),
+            part_gap_m: part.candidate.part_gap_m,
+            wall_gap_m: part.candidate.wall_gap_m,
+            refusals: selector.refusals(part),
+        };
+        let parts: Vec<SeenPart> = tracked.iter().map(part).collect();
+        PartCandidates { header: self.header(image), ..part_candidates::to_message(&self.part, &parts) }
+    }
+
+    fn pose_name(&self, part: &TrackedCandidate) -> Option<&String> {
+        part.pose.and_then(|pose| self.poses.get(pose))
+    }
+
     fn detections(&self, image: &Header, tracked: &[TrackedCandidate], selector: &Selector) -> Detection3DArray {
-        let header = Header { stamp: image.stamp, frame_id: self.tray_frame.clone() };
+        let header = self.header(image);
         // A track that coasts was not seen in this frame.
         let on_plateau = tracked.iter().filter(|part| part.candidate.on_plateau);
         let detections = on_plateau.map(|part| self.detection(&header, part, selector)).collect();
@@ -242,8 +271,7 @@ impl Names {
         let seen = &part.candidate;
         // A part that looks the same from all sides has no yaw of its own.
         let pose = planar_pose(seen.x_m, seen.y_m, 0.0, seen.yaw_rad.unwrap_or(0.0));
-        let known = part.pose.filter(|pose| part.selectable || !self.wanted_poses.contains(pose));
-        let results = known.and_then(|index| self.poses.get(index)).map(|name| {
+        let results = self.pose_name(part).map(|name| {
             let class_id = format!("{}/{name}", self.part);
             let mut result = ObjectHypothesisWithPose {
                 hypothesis: ObjectHypothesis { class_id, score: part.confidence },
@@ -269,6 +297,7 @@ mod tests {
     use feeder_runtime::node::stamp_of_ns;
     use feeder_sim::camera::codec;
     use feeder_sim::camera::{PartView, Renderer, TrayShot};
+    use minifactory_msgs::msg::PartCandidate;
 
     use super::*;
 
@@ -327,5 +356,28 @@ mod tests {
         let (mut sight, good) = sight();
         let fault = sight.look(&message(9, &good)).map(|picture| picture.tracked).unwrap_err();
         assert_eq!(fault, LookError::NoOdometry);
+    }
+
+    #[test]
+    fn both_messages_tell_of_the_same_parts_and_one_of_what_speaks_against_them() {
+        let (mut sight, good) = sight();
+        let part = Scenario::default().part_type().unwrap();
+        let poses = part.poses.iter().map(|pose| pose.name.clone()).collect();
+        let names = Names { part: part.name.clone(), poses, tray_frame: "feeder/tray".to_owned() };
+        for frame in 1..=8 {
+            let message = message(frame, &good);
+            let tracked = sight.look(&message).unwrap().tracked;
+            let header = message.header;
+            let told = names.part_candidates(&header, &tracked, &sight.selector);
+            let shown = names.detections(&header, &tracked, &sight.selector);
+            assert_eq!((&told.header, told.parts.len()), (&shown.header, 1));
+            assert_eq!(told.parts[0].id.to_string(), shown.detections[0].id);
+            // A first look alone is not sure enough; eight are.
+            match frame {
+                1 => assert_eq!(told.parts[0].refusals, PartCandidate::POSE_UNSURE, "{told:?}"),
+                8 => assert_eq!(told.parts[0].refusals, 0, "{told:?}"),
+                _ => {}
+            }
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! What goes over the wire: both halves of every message's codec, and the topics.
 
 mod interface;
+pub mod part_candidates;
 pub mod pose;
 pub mod services;
 pub mod topics;

@@ -3,8 +3,8 @@
 use minifactory_msgs::interface::User::{Feedback, Forward, Outside};
 use minifactory_msgs::interface::{Qos, TopicSpec};
 use minifactory_msgs::msg::{
-    AreaLeases, CourierState, DeliveryState, Factsheet, FeedMetrics, FeederState, PartStates, PickEvent, RunProgress,
-    TrayMotion, Waveform,
+    AreaLeases, CourierState, DeliveryState, Factsheet, FeedMetrics, FeederState, PartCandidates, PartStates,
+    PickEvent, RunProgress, TrayMotion, Waveform,
 };
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::{CameraInfo, CompressedImage, Image, JointState};
@@ -81,7 +81,11 @@ interface! {
 
     /// Every part seen wholly on the plateau, in the tray's frame, m, at the stamp of the picture
     CANDIDATES: TopicSpec<Detection3DArray> = TopicSpec::new(FEEDER, "candidates", Qos::command()),
-        [VISION_SELECTOR] => [Forward(DELIVERY_PLANNER), Forward(RUN_MONITOR), Outside("viewers")];
+        [VISION_SELECTOR] => [Outside("viewers")];
+
+    /// Every part seen, with its free gaps and what speaks against picking it, at the stamp of the picture
+    PART_CANDIDATES: TopicSpec<PartCandidates> = TopicSpec::new(FEEDER, "part_candidates", Qos::command()),
+        [VISION_SELECTOR] => [Forward(DELIVERY_PLANNER), Forward(RUN_MONITOR), Outside("agents")];
 
     /// Where the planner stands in its sequence, and counts of deliveries; at least twice a second, as a sign of life
     DELIVERY_STATE: TopicSpec<DeliveryState> = TopicSpec::new(FEEDER, "delivery_state", Qos::command()),

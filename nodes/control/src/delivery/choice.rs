@@ -8,8 +8,9 @@ use super::config::{DeliveryConfig, Policy};
 use super::hold::ramp_parts;
 use super::plan::MovePlanner;
 use super::protocol::{DeliveryRequest, Stamp};
+use feeder_model::part::Refusals;
 
-/// A part that vision sees, in the tray frame.
+/// A part that vision sees wholly on the plateau, in the tray frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     /// The same from frame to frame while vision follows the part.
@@ -20,16 +21,14 @@ pub struct Candidate {
     pub yaw_in_tray_rad: f64,
     /// Its class, as the catalogue names it.
     pub part_class: String,
-    /// Its resting pose, as the catalogue names it.
-    pub pose_class: String,
+    /// Its resting pose, as the catalogue names it, if that is known.
+    pub pose_class: Option<String>,
     /// Radius of a circle that holds its outline, m.
     pub radius_m: f64,
-    /// How sure vision is of class and pose, 0 to 1.
-    pub confidence: f64,
-    /// Distance from its outline to the nearest other one, m; infinite when it is alone.
-    pub clearance_m: f64,
-    /// Its whole outline lies on the plateau.
-    pub on_plateau: bool,
+    /// Free gap from its outline to that of the nearest other part, m, as vision measured it; infinite when it is alone.
+    pub part_gap_m: f64,
+    /// What speaks against picking it: vision judges that, nobody else.
+    pub refusals: Refusals,
 }
 
 /// What vision sees in one image.
@@ -37,10 +36,8 @@ pub struct Candidate {
 pub struct CandidateFrame {
     /// When the image was taken.
     pub stamp: Stamp,
-    /// The parts in it whose class and pose are known.
+    /// The parts in it, and things that may be parts, that lie wholly on the plateau.
     pub candidates: Vec<Candidate>,
-    /// How many things were seen on the plateau, known or not.
-    pub seen: usize,
 }
 
 /// A part chosen for a station.
@@ -61,8 +58,8 @@ pub fn courier_under(station_m: &Vector2<f64>, point_in_tray_m: &Vector2<f64>, y
     Vector3::new(position_m.x, position_m.y, yaw_rad)
 }
 
-/// Where a part of `request` would be taken from a frame: the candidate chosen, if it fits. It must be of the class and
-/// pose asked for, sure, alone, wholly on the plateau, and within reach of the station.
+/// Where a part of `request` would be taken from a frame: the candidate chosen, if it fits. It must be one
+/// that may be picked, of the class and pose and as free as asked for, and within reach of the station.
 #[must_use]
 pub fn fitting(
     candidate: &Candidate,
@@ -74,10 +71,9 @@ pub fn fitting(
 ) -> Option<Choice> {
     let fits = candidate.position_in_tray_m.iter().all(|coordinate| coordinate.is_finite())
         && candidate.part_class == request.part_class
-        && (request.pose_classes.is_empty() || request.pose_classes.contains(&candidate.pose_class))
-        && candidate.confidence >= config.confidence_min
-        && candidate.clearance_m >= config.clearance_m_min
-        && candidate.on_plateau;
+        && candidate.pose_class.as_ref().is_some_and(|pose_class| request.accepts(pose_class))
+        && request.part_gap_m_min.is_none_or(|least_m| candidate.part_gap_m >= least_m)
+        && candidate.refusals.may_be_picked();
     let courier = courier_under(station_m, &candidate.position_in_tray_m, config.feeding_place.z);
     (fits && planner.check_stand(&courier).is_ok()).then(|| Choice { candidate: candidate.clone(), look, courier })
 }
@@ -103,7 +99,6 @@ pub fn protected_parts(
         Policy::All => frame
             .into_iter()
             .flat_map(|frame| &frame.candidates)
-            .filter(|candidate| candidate.on_plateau)
             .map(|candidate| candidate.position_in_tray_m)
             .chain(selected)
             .chain(ramp_parts(planner.tray(), config.protected_ramp_radius_m))
@@ -128,15 +123,28 @@ mod tests {
         assert!(chosen(&good, station_m).is_some());
         let bad = [
             Candidate { part_class: "screw".into(), ..good.clone() },
-            Candidate { pose_class: "face_down".into(), ..good.clone() },
-            Candidate { confidence: 0.1, ..good.clone() },
-            Candidate { clearance_m: 0.0, ..good.clone() },
-            Candidate { on_plateau: false, ..good.clone() },
+            Candidate { pose_class: Some("face_down".into()), ..good.clone() },
+            Candidate { pose_class: None, ..good.clone() },
+            Candidate { refusals: Refusals { part_too_near: true, ..Refusals::default() }, ..good.clone() },
+            Candidate { refusals: Refusals { pose_unsure: true, ..Refusals::default() }, ..good.clone() },
             candidate(1, f64::NAN, 0.0),
         ];
         for bad in bad {
             assert_eq!(chosen(&bad, station_m), None, "{bad:?}");
         }
+    }
+
+    #[test]
+    fn how_free_a_part_is_matters_only_to_who_asks_for_it() {
+        let (config, planner, mut request) = setup();
+        let close = Candidate { part_gap_m: -0.001, ..candidate(1, 0.0, -0.07) };
+        let station_m = Vector2::new(0.3, 0.0);
+        let mut is_chosen = |part_gap_m_min| {
+            request.part_gap_m_min = part_gap_m_min;
+            fitting(&close, Stamp::ZERO, &request, &station_m, &config, &planner).is_some()
+        };
+        // Vision has judged the room that the gripper needs.
+        assert!(is_chosen(None) && is_chosen(Some(-0.001)) && !is_chosen(Some(0.001)));
     }
 
     #[test]
@@ -155,7 +163,7 @@ mod tests {
     #[test]
     fn protecting_all_adds_the_plateau_and_the_ramp() {
         let (mut config, planner, _) = setup();
-        let frame = CandidateFrame { stamp: Stamp::ZERO, candidates: vec![candidate(1, 0.0, -0.07)], seen: 1 };
+        let frame = CandidateFrame { stamp: Stamp::ZERO, candidates: vec![candidate(1, 0.0, -0.07)] };
         let protected = |config: &DeliveryConfig| protected_parts(config, &planner, &[], Some(&frame)).len();
         assert_eq!(protected(&config), 0);
         config.policy = Policy::All;

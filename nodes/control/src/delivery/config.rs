@@ -55,10 +55,6 @@ pub struct DeliveryConfig {
     pub policy: Policy,
     /// Radius in the tray from which on parts on the ramp are protected by [`Policy::All`], m.
     pub protected_ramp_radius_m: f64,
-    /// Least confidence of a candidate.
-    pub confidence_min: f64,
-    /// Least distance from a candidate to its neighbours that leaves room for the gripper, m.
-    pub clearance_m_min: f64,
     /// Smallest tolerance of position a request may ask for, m: what vision and courier can promise.
     pub tolerance_m_min: f64,
     /// Time for parts to come to rest after the courier has, s.
@@ -103,8 +99,6 @@ impl Default for DeliveryConfig {
             gentle: GentleParameters::default(),
             policy: Policy::default(),
             protected_ramp_radius_m: 0.06,
-            confidence_min: 0.5,
-            clearance_m_min: 1e-3,
             tolerance_m_min: 0.2e-3,
             settle_s: 0.05,
             looks: 2,
@@ -136,8 +130,6 @@ impl DeliveryConfig {
             check_range("stations_m", *coordinate_m, -10.0, 10.0)?;
         }
         check_range("protected_ramp_radius_m", self.protected_ramp_radius_m, 1e-3, 1.0)?;
-        check_range("confidence_min", self.confidence_min, 0.0, 1.0)?;
-        check_range("clearance_m_min", self.clearance_m_min, 0.0, 0.1)?;
         check_range("tolerance_m_min", self.tolerance_m_min, 1e-6, 0.1)?;
         check_range("settle_s", self.settle_s, 0.0, 10.0)?;
         check_range("looks", f64::from(self.looks), 1.0, 100.0)?;

@@ -7,6 +7,7 @@ use nalgebra::Rotation2;
 
 use super::choice::{Candidate, CandidateFrame, angle_rad};
 use super::protocol::Stamp;
+use feeder_model::part::Refusals;
 
 /// A part as it was last seen while feeding.
 #[derive(Clone, Copy, Debug)]
@@ -97,19 +98,18 @@ impl Drift {
     }
 
     /// The parts of a frame where they would come to rest if feeding were stopped now. Those that would go over the
-    /// drop-off are no longer on the plateau.
+    /// drop-off may not be picked.
     pub(super) fn at_rest(&self, frame: &CandidateFrame, now: Stamp) -> CandidateFrame {
         let on_s = now.saturating_sub(frame.stamp).as_secs_f64() + self.stop_drift_s;
         let candidates = frame.candidates.iter().map(|candidate| {
             let turn_rad = self.rate_rad_s(candidate) * on_s;
             let left_rad = self.way_to_drop_off_rad(candidate);
-            Candidate {
-                position_in_tray_m: Rotation2::new(turn_rad) * candidate.position_in_tray_m,
-                on_plateau: candidate.on_plateau && turn_rad < left_rad,
-                ..candidate.clone()
-            }
+            let refusals =
+                Refusals { off_plateau: candidate.refusals.off_plateau || turn_rad >= left_rad, ..candidate.refusals };
+            let position_in_tray_m = Rotation2::new(turn_rad) * candidate.position_in_tray_m;
+            Candidate { position_in_tray_m, refusals, ..candidate.clone() }
         });
-        CandidateFrame { candidates: candidates.collect(), ..frame.clone() }
+        CandidateFrame { stamp: frame.stamp, candidates: candidates.collect() }
     }
 
     /// How long a part will stay on the plateau if feeding goes on, s.
@@ -154,7 +154,7 @@ mod tests {
     fn frame(at_ms: u64, angles_rad: &[(u64, f64)]) -> CandidateFrame {
         let candidates: Vec<Candidate> =
             angles_rad.iter().map(|&(id, angle)| candidate(id, 0.07 * angle.cos(), 0.07 * angle.sin())).collect();
-        CandidateFrame { stamp: Stamp::from_millis(at_ms), seen: candidates.len(), candidates }
+        CandidateFrame { stamp: Stamp::from_millis(at_ms), candidates }
     }
 
     fn fed(drift: &mut Drift, rate_rad_s: f64) {
@@ -172,9 +172,9 @@ mod tests {
         let last = frame(900, &[(1, 4.18), (2, 6.18)]);
         let rest = drift.at_rest(&last, Stamp::from_millis(1000));
         assert!((angle_rad(&rest.candidates[0]) - 4.28).abs() < 1e-9);
-        assert!(rest.candidates[0].on_plateau);
+        assert!(rest.candidates[0].refusals.may_be_picked());
         // The outline reaches 2π at 6.2475.
-        assert!(!rest.candidates[1].on_plateau);
+        assert!(rest.candidates[1].refusals.off_plateau);
         assert!((drift.stays_s(&last.candidates[1]) - (TAU - 0.0025_f64.atan2(0.07) - 6.18) / 0.2).abs() < 0.01);
     }
 

@@ -49,8 +49,18 @@ pub struct DeliveryRequest {
     pub pose_classes: Vec<String>,
     /// Largest horizontal distance allowed between part and tool axis, m.
     pub tolerance_m: f64,
+    /// Least free gap from the part's outline to that of the nearest other part, m; nothing: what the gripper needs will do.
+    pub part_gap_m_min: Option<f64>,
     /// When to give up, from the request on; nothing: never.
     pub timeout: Option<Duration>,
+}
+
+impl DeliveryRequest {
+    /// Whether a resting pose will do.
+    #[must_use]
+    pub fn accepts(&self, pose_class: &str) -> bool {
+        self.pose_classes.is_empty() || self.pose_classes.iter().any(|accepted| accepted == pose_class)
+    }
 }
 
 /// Why a request or a report was refused.

@@ -135,6 +135,7 @@ pub(super) mod testing {
     use super::*;
     use crate::courier::CourierLimits;
     use feeder_model::motor::Load;
+    use feeder_model::part::Refusals;
     use feeder_model::tray::TrayGeometry;
 
     pub(crate) fn setup() -> (DeliveryConfig, MovePlanner, DeliveryRequest) {
@@ -146,6 +147,7 @@ pub(super) mod testing {
             part_class: "washer".into(),
             pose_classes: vec!["face_up".into()],
             tolerance_m: 1e-3,
+            part_gap_m_min: None,
             timeout: None,
         };
         (config, planner, request)
@@ -157,11 +159,10 @@ pub(super) mod testing {
             position_in_tray_m: Vector2::new(x_m, y_m),
             yaw_in_tray_rad: 0.0,
             part_class: "washer".into(),
-            pose_class: "face_up".into(),
+            pose_class: Some("face_up".into()),
             radius_m: 0.0025,
-            confidence: 0.9,
-            clearance_m: 0.01,
-            on_plateau: true,
+            part_gap_m: 0.01,
+            refusals: Refusals::default(),
         }
     }
 }
@@ -181,7 +182,7 @@ mod tests {
             .zip(stations)
             .map(|(id, &(x, y))| Open { id: DeliveryId(id), request: &request, station_m: Vector2::new(x, y) })
             .collect();
-        let frame = CandidateFrame { stamp: Stamp::ZERO, candidates: candidates.to_vec(), seen: candidates.len() };
+        let frame = CandidateFrame { stamp: Stamp::ZERO, candidates: candidates.to_vec() };
         best_tour(&frame, &open, &config, &planner, &OVERHEADS)
     }
 

@@ -32,6 +32,8 @@ pub struct ManipulatorConfig {
     pub place_s: f64,
     /// Largest offset of a presented part from the axis that it still picks, m.
     pub tolerance_m: f64,
+    /// Free gap it asks for between a part and the next, m; 0: what the feeder's own rule asks for.
+    pub part_gap_m_min: f64,
     /// How long it waits for a part before it asks anew, s.
     pub timeout_s: f64,
     /// How far the gripper closes from where it was told to, along each of x and y: standard deviation, m.
@@ -53,6 +55,7 @@ impl Default for ManipulatorConfig {
             grip_s: 0.05,
             place_s: 1.0,
             tolerance_m: 0.0005,
+            part_gap_m_min: 0.0,
             timeout_s: 60.0,
             pick_error_m: 0.0,
             pick_failure_probability: 0.0,
@@ -81,6 +84,8 @@ impl ManipulatorConfig {
         ] {
             OutOfRange::unless_positive(parameter, value)?;
         }
+        let gap_m = self.part_gap_m_min;
+        OutOfRange::unless((0.0..=0.1).contains(&gap_m), "part_gap_m_min", gap_m, "0 to 0.1")?;
         let error_m = self.pick_error_m;
         OutOfRange::unless((0.0..=0.1).contains(&error_m), "pick_error_m", error_m, "0 to 0.1")?;
         let share = self.pick_failure_probability;

@@ -9,6 +9,7 @@ use feeder_control::delivery::{
 };
 use feeder_control::platen::Area;
 use feeder_model::motor::Load;
+use feeder_model::part::Refusals;
 use feeder_model::tray::TrayGeometry;
 use nalgebra::{Vector2, Vector3};
 use proptest::prelude::*;
@@ -83,6 +84,30 @@ fn one_station_a_trip_takes_longer_than_two() {
 }
 
 #[test]
+fn what_vision_refuses_is_never_taken_and_what_it_lets_pass_is() {
+    let none = Refusals::default();
+    for refusals in [
+        Refusals { pose_unsure: true, ..none },
+        Refusals { pose_disagrees: true, ..none },
+        Refusals { off_plateau: true, ..none },
+        Refusals { part_too_near: true, ..none },
+        Refusals { wall_too_near: true, ..none },
+    ] {
+        let mut world = World::new(Faults::default(), config());
+        world.barren = true;
+        world.refusals = refusals;
+        world.add_part(0.0, -0.07);
+        let id = world.request("right", None);
+        world.run(10);
+        assert!(world.finished().is_empty() && world.sequencer.phase() == Phase::Feeding, "{refusals:?}");
+        world.refusals = none;
+        world.add_part(-0.03, -0.06);
+        world.run(20);
+        assert_eq!(world.finished(), [(id, Ok(()))], "{refusals:?}");
+    }
+}
+
+#[test]
 fn every_fault_ends_the_delivery_with_its_name() {
     let faults = Faults::default();
     let cases = [
@@ -106,7 +131,7 @@ fn a_part_that_falls_or_turns_on_the_way_is_noticed_where_a_camera_sees_the_stat
     let faults = Faults::default();
     for (faults, reason) in [
         (Faults { part_falls: true, ..faults }, "no part is seen at its place"),
-        (Faults { part_turns: true, ..faults }, "it lies face_down up, not face_up"),
+        (Faults { part_turns: true, ..faults }, "it lies face_down, not face_up"),
     ] {
         let mut world = World::new(faults, rechecked());
         let id = world.request("right", None);

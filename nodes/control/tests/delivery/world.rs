@@ -12,6 +12,7 @@ use feeder_control::delivery::{
 };
 use feeder_control::platen::{Arbiter, Reservation};
 use feeder_model::motor::Load;
+use feeder_model::part::Refusals;
 use feeder_model::tray::TrayGeometry;
 use feeder_model::waveform::{Axis, Waveform};
 use feeder_scenario::{SimulatedCourier, SimulatedDriver};
@@ -42,6 +43,7 @@ struct Lying {
     id: u64,
     position_in_tray_m: Vector2<f64>,
     pose_class: &'static str,
+    refusals: Refusals,
 }
 
 /// The platen's arbiter, shared by worlds, and whom the answers are for: the world's name is the agent's.
@@ -76,6 +78,8 @@ pub(crate) struct World {
     /// Feeding so far in ticks, and whether it brings parts.
     fed: u32,
     pub(crate) barren: bool,
+    /// What vision says of the parts that come.
+    pub(crate) refusals: Refusals,
     moves: BTreeMap<GoalHandle, MoveId>,
     to_world: VecDeque<(Stamp, Output)>,
     to_sequencer: VecDeque<(Stamp, Heard)>,
@@ -108,6 +112,7 @@ pub(crate) fn asking(station: &str, tolerance_m: f64) -> DeliveryRequest {
         part_class: "washer".into(),
         pose_classes: Vec::new(),
         tolerance_m,
+        part_gap_m_min: None,
         timeout: None,
     }
 }
@@ -141,6 +146,7 @@ impl World {
             added: 0,
             fed: 0,
             barren: false,
+            refusals: Refusals::default(),
             moves: BTreeMap::new(),
             to_world: VecDeque::new(),
             to_sequencer: VecDeque::new(),
@@ -153,7 +159,12 @@ impl World {
     pub(crate) fn add_part(&mut self, x_m: f64, y_m: f64) {
         self.added += 1;
         let position_in_tray_m = Vector2::new(x_m, y_m);
-        self.parts.push(Lying { id: self.added, position_in_tray_m, pose_class: Self::FACE_UP });
+        self.parts.push(Lying {
+            id: self.added,
+            position_in_tray_m,
+            pose_class: Self::FACE_UP,
+            refusals: self.refusals,
+        });
     }
 
     pub(crate) fn clear_parts(&mut self) {
@@ -299,13 +310,12 @@ impl World {
             position_in_tray_m: part.position_in_tray_m,
             yaw_in_tray_rad: 0.3,
             part_class: "washer".into(),
-            pose_class: part.pose_class.into(),
+            pose_class: Some(part.pose_class.into()),
             radius_m: 0.0025,
-            confidence: 0.9,
-            clearance_m: 0.01,
-            on_plateau: true,
+            part_gap_m: 0.01,
+            refusals: part.refusals,
         });
-        CandidateFrame { stamp: self.now, candidates: candidates.collect(), seen: self.parts.len() }
+        CandidateFrame { stamp: self.now, candidates: candidates.collect() }
     }
 
     pub(crate) fn run(&mut self, seconds: u64) {

@@ -147,7 +147,7 @@ impl Trial<'_> {
             let reach_m = |part: usize| SAME_RATIO * self.poses[parts[part].pose].outline.radius_m;
             let near = (0..parts.len()).filter(|part| shown[*part].is_none() && distance_m(*part) < reach_m(*part));
             let part = near.min_by(|a, b| distance_m(*a).total_cmp(&distance_m(*b)));
-            let selected = selector.admits(candidate);
+            let selected = is_selected(selector, candidate);
             score.selected += u32::from(selected);
             let Some(part) = part else {
                 score.phantoms += 1;
@@ -180,10 +180,15 @@ impl Trial<'_> {
             if isolated {
                 score.isolated += 1;
                 let taken = shown[index].is_some_and(|shown| {
-                    selector.admits(&candidates[shown]) && candidates[shown].pose == Some(part.pose)
+                    is_selected(selector, &candidates[shown]) && candidates[shown].pose == Some(part.pose)
                 });
                 score.isolated_selected += u32::from(taken);
             }
         }
     }
+}
+
+/// Whether a candidate would be handed over where no goal asks for another pose.
+fn is_selected(selector: &Selector, candidate: &Candidate) -> bool {
+    candidate.pose.is_some_and(|pose| selector.is_wanted(pose)) && selector.admits(candidate)
 }

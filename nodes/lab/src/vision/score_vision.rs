@@ -167,7 +167,6 @@ fn save(
             pose: candidate.pose,
             confidence: candidate.confidence,
             frames_seen: 1,
-            selectable: selector.admits(candidate),
         })
         .collect();
     let file = |ending: &str| {

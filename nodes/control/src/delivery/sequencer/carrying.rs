@@ -194,8 +194,7 @@ impl DeliverySequencer {
         let distance_m = |part: &Candidate| (part.position_in_tray_m - chosen.position_in_tray_m).norm();
         let nearest = frame.candidates.iter().min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)));
         let lost = match nearest {
-            Some(part) if distance_m(part) <= delivery.request.tolerance_m => (part.pose_class != chosen.pose_class)
-                .then(|| format!("it lies {} up, not {}", part.pose_class, chosen.pose_class)),
+            Some(part) if distance_m(part) <= delivery.request.tolerance_m => why_not(part, chosen),
             Some(part) => Some(format!("the nearest part lies {:.2} mm from its place", distance_m(part) * 1e3)),
             None => Some("no part is seen at its place".to_owned()),
         };
@@ -339,5 +338,13 @@ impl DeliverySequencer {
         let not_before = now + Duration::from_secs_f64(self.config.retry_s);
         self.state = State::ToReturn { not_before, failures: failures + 1 };
         true
+    }
+}
+
+/// Why a part that lies where the chosen one should is not the one to be handed over, if it is not.
+fn why_not(part: &Candidate, chosen: &Candidate) -> Option<String> {
+    match (&part.pose_class, &chosen.pose_class) {
+        (Some(lies), Some(wanted)) if lies != wanted => Some(format!("it lies {lies}, not {wanted}")),
+        _ => (!part.refusals.may_be_picked()).then(|| part.refusals.to_string()),
     }
 }

@@ -83,13 +83,13 @@ impl DeliverySequencer {
     ) -> bool {
         self.feed(true);
         if now >= deadline {
-            let left = self.frame.as_ref().map_or(0, |frame| frame.seen);
+            let left = self.frame.as_ref().map_or(0, |frame| frame.candidates.len());
             return self.end_purge(Err(format!("{left} parts are still on the plateau")));
         }
         let Some(frame) = self.frame.as_ref().filter(|frame| frame.stamp > since && seen < Some(frame.stamp)) else {
             return false;
         };
-        let empty = if frame.seen == 0 { empty + 1 } else { 0 };
+        let empty = if frame.candidates.is_empty() { empty + 1 } else { 0 };
         self.state = State::Purging { since, deadline, empty, seen: Some(frame.stamp) };
         empty >= Self::EMPTY_LOOKS && self.end_purge(Ok(()))
     }

@@ -1,0 +1,148 @@
+//! What the selector sees, and what of it may be picked, as messages.
+
+use feeder_model::part::Refusals;
+use minifactory_msgs::msg::{PartCandidate, PartCandidates};
+use nalgebra::Vector2;
+
+use crate::pose::{planar_pose, yaw_of_quaternion};
+
+/// A part as the selector sees it in one image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SeenPart {
+    /// The same from image to image while the selector follows the part.
+    pub id: u64,
+    /// Where it lies in the tray frame, m.
+    pub position_in_tray_m: Vector2<f64>,
+    /// How it is turned in the tray frame, rad; 0 if it looks the same from all sides.
+    pub yaw_in_tray_rad: f64,
+    /// Its resting pose, if that is known.
+    pub pose_class: Option<String>,
+    /// How sure the pose is, 0 to 1.
+    pub confidence: f64,
+    /// Radius of a circle about its position that holds its outline, m.
+    pub radius_m: f64,
+    /// Free gap from outline to outline to the nearest other thing, m; infinite when it is alone.
+    pub part_gap_m: f64,
+    /// Free gap from its outline to the nearer wall, m.
+    pub wall_gap_m: f64,
+    /// What speaks against picking it.
+    pub refusals: Refusals,
+}
+
+/// A message with a reason against picking that this version does not know.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("refusals of part {id} = {found}, allowed are sums of the constants, 0 to {max}", max = all_bits())]
+pub struct UnknownRefusal {
+    /// The part.
+    pub id: u64,
+    /// What the message says.
+    pub found: u8,
+}
+
+/// A reason, and where it is kept.
+type Reason = (u8, fn(&mut Refusals) -> &mut bool);
+
+const REASONS: [Reason; 5] = [
+    (PartCandidate::POSE_UNSURE, |refusals| &mut refusals.pose_unsure),
+    (PartCandidate::POSE_DISAGREES, |refusals| &mut refusals.pose_disagrees),
+    (PartCandidate::OFF_PLATEAU, |refusals| &mut refusals.off_plateau),
+    (PartCandidate::PART_TOO_NEAR, |refusals| &mut refusals.part_too_near),
+    (PartCandidate::WALL_TOO_NEAR, |refusals| &mut refusals.wall_too_near),
+];
+
+fn all_bits() -> u8 {
+    REASONS.iter().map(|(bit, _)| bit).sum()
+}
+
+/// The message; its header is left to the publisher.
+#[must_use]
+pub fn to_message(part_class: &str, parts: &[SeenPart]) -> PartCandidates {
+    let parts = parts.iter().map(|part| {
+        let mut refusals = part.refusals;
+        PartCandidate {
+            id: part.id,
+            pose: planar_pose(part.position_in_tray_m.x, part.position_in_tray_m.y, 0.0, part.yaw_in_tray_rad),
+            pose_class: part.pose_class.clone().unwrap_or_default(),
+            confidence: part.confidence,
+            radius_m: part.radius_m,
+            part_gap_m: part.part_gap_m,
+            wall_gap_m: part.wall_gap_m,
+            refusals: REASONS.iter().filter(|(_, kept)| *kept(&mut refusals)).map(|(bit, _)| bit).sum(),
+        }
+    });
+    PartCandidates { part_class: part_class.to_owned(), parts: parts.collect(), ..PartCandidates::default() }
+}
+
+/// The parts of a message.
+///
+/// # Errors
+/// A part that may not be picked for a reason unknown.
+pub fn from_message(message: &PartCandidates) -> Result<Vec<SeenPart>, UnknownRefusal> {
+    let part = |part: &PartCandidate| {
+        if part.refusals & !all_bits() != 0 {
+            return Err(UnknownRefusal { id: part.id, found: part.refusals });
+        }
+        let mut refusals = Refusals::default();
+        for (bit, kept) in REASONS {
+            *kept(&mut refusals) = part.refusals & bit != 0;
+        }
+        Ok(SeenPart {
+            id: part.id,
+            position_in_tray_m: Vector2::new(part.pose.position.x, part.pose.position.y),
+            yaw_in_tray_rad: yaw_of_quaternion(&part.pose.orientation),
+            pose_class: (!part.pose_class.is_empty()).then(|| part.pose_class.clone()),
+            confidence: part.confidence,
+            radius_m: part.radius_m,
+            part_gap_m: part.part_gap_m,
+            wall_gap_m: part.wall_gap_m,
+            refusals,
+        })
+    };
+    message.parts.iter().map(part).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn part(refusals: Refusals) -> SeenPart {
+        SeenPart {
+            id: 7,
+            position_in_tray_m: Vector2::new(0.03, -0.06),
+            yaw_in_tray_rad: 0.5,
+            pose_class: Some("flat".to_owned()),
+            confidence: 0.95,
+            radius_m: 0.0036,
+            part_gap_m: f64::INFINITY,
+            wall_gap_m: 0.012,
+            refusals,
+        }
+    }
+
+    #[test]
+    fn what_goes_out_comes_in_whatever_speaks_against_a_part() {
+        for bits in 0..32_u8 {
+            let mut refusals = Refusals::default();
+            for (index, (_, kept)) in REASONS.iter().enumerate() {
+                *kept(&mut refusals) = bits >> index & 1 == 1;
+            }
+            let sent = [part(refusals), SeenPart { pose_class: None, ..part(refusals) }];
+            let message = to_message("block", &sent);
+            assert_eq!(message.parts[0].refusals == 0, refusals.may_be_picked());
+            let mut came = from_message(&message).unwrap();
+            for part in &mut came {
+                assert!((part.yaw_in_tray_rad - 0.5).abs() < 1e-12);
+                part.yaw_in_tray_rad = 0.5;
+            }
+            assert_eq!((message.part_class.as_str(), came.as_slice()), ("block", sent.as_slice()));
+        }
+    }
+
+    #[test]
+    fn a_reason_unknown_is_an_error_that_names_the_part() {
+        let mut message = to_message("block", &[part(Refusals::default())]);
+        message.parts[0].refusals = 33;
+        let error = from_message(&message).unwrap_err();
+        assert_eq!(error.to_string(), "refusals of part 7 = 33, allowed are sums of the constants, 0 to 31");
+    }
+}
