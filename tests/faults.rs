@@ -240,7 +240,7 @@ const BAD_SCENARIOS: &[Bad] = &[
         key: "part",
         new: "part: { name: p, density_kg_m3: 1000, friction_static: 0, friction_kinetic: 0, reflectance: 0.5, \
               shape: { solids: [{ extruded: { outline: { circle: { radius_m: 0.003 } }, z_m: [0, 0.001] } }] }, wanted_poses: [pose_1] }",
-        said: &["part", "friction_static = 0", "allowed"],
+        said: &["part", "friction_static = 0", "above 0"],
     },
     Bad {
         what: "a part larger than the path",
@@ -271,7 +271,7 @@ const BAD_SCENARIOS: &[Bad] = &[
         section: "waveform",
         key: "period_s",
         new: "period_s: 0",
-        said: &["waveform", "period_s", "0", "greater than 0"],
+        said: &["waveform", "period_s", "0", "above 0"],
     },
     Bad {
         what: "a station off the platen",

@@ -43,7 +43,7 @@ impl OutOfRange {
     ///
     /// The parameter and its value, if it is not.
     pub fn unless_positive(parameter: impl Into<Cow<'static, str>>, value: f64) -> Result<(), Self> {
-        Self::unless(value > 0.0, parameter, value, "greater than 0 and finite")
+        Self::unless(value > 0.0, parameter, value, "above 0 and finite")
     }
 
     /// The same complaint in the words of whoever gave the value: `parameter` instead of the name it has inside.
@@ -71,7 +71,7 @@ mod tests {
         let error = check_range(format!("poses[{}].height_m", 3), 0.2, 0.0, 0.1).unwrap_err();
         assert_eq!(error.to_string(), "poses[3].height_m = 0.2 is outside its range: 0 to 0.1");
         let error = OutOfRange::unless_positive("friction", 0.0).unwrap_err().named("part.friction_static");
-        assert_eq!(error.to_string(), "part.friction_static = 0 is outside its range: greater than 0 and finite");
+        assert_eq!(error.to_string(), "part.friction_static = 0 is outside its range: above 0 and finite");
     }
 
     #[test]

@@ -183,7 +183,7 @@ fn numbers_out_of_range_are_named() {
     let circle = |radius_m: f64| Loop::Circle { radius_m, centre_m: [0.0; 2] };
     assert_eq!(
         complaint(extruded(circle(-0.001), vec![], [0.0, 0.001])),
-        "radius_m = -0.001 is outside its range: greater than 0 and finite"
+        "radius_m = -0.001 is outside its range: above 0 and finite"
     );
     assert!(complaint(extruded(circle(0.001), vec![], [0.0, 0.0])).starts_with("z_m = 0 is outside"));
     let line = Loop::Polygon(vec![[0.0, 0.0], [0.001, 0.0], [0.002, 0.0]]);

@@ -243,7 +243,7 @@ fn check_numbers(spec: &PartSpec) -> Result<(), OutOfRange> {
         spec.friction_kinetic <= spec.friction_static,
         "friction_kinetic",
         spec.friction_kinetic,
-        format_args!("greater than 0, up to friction_static = {}", spec.friction_static),
+        format_args!("above 0, up to friction_static = {}", spec.friction_static),
     )?;
     check_range("reflectance", spec.reflectance, 0.0, 1.0)
 }
