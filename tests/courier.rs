@@ -15,6 +15,7 @@ use feeder_runtime::lockstep::RunError;
 use feeder_runtime::service::{Answer, ServiceClient};
 use feeder_runtime::testing::TestDomain;
 use feeder_scenario::Scenario;
+use feeder_scenario::plan::CourierDriverConfig;
 use minifactory_msgs::control_msgs::action::{
     FollowJointTrajectory, FollowJointTrajectoryGoal, FollowJointTrajectoryResult,
 };
@@ -64,7 +65,11 @@ impl Bench {
         let stop = Arc::new(AtomicBool::new(false));
         let driver = std::thread::spawn({
             let (domain, stop) = (*domain, stop.clone());
-            move || run_real::<CourierDriver>(&domain, "/feeder", &Scenario::default(), &stop)
+            move || {
+                let plan = Scenario::default().plan().unwrap();
+                let (namespace, config) = plan.of_kind::<CourierDriverConfig>().next().unwrap();
+                run_real::<CourierDriver>(&domain, namespace, config, &stop)
+            }
         });
         let here = participant(&domain);
         let (odometry_reader, odometry) = hear(&here, "/feeder/odometry", Qos::command());

@@ -12,6 +12,7 @@ use feeder_runtime::launch::run_real;
 use feeder_runtime::node::ns_of_stamp;
 use feeder_runtime::testing::TestDomain;
 use feeder_scenario::Scenario;
+use feeder_scenario::plan::{CourierDriverConfig, WaveformGeneratorConfig};
 use minifactory_msgs::Message;
 use minifactory_msgs::lifecycle_msgs::msg::Transition;
 use minifactory_msgs::lifecycle_msgs::srv::{ChangeState, ChangeStateRequest};
@@ -38,15 +39,17 @@ pub(crate) fn hear<M: Message>(participant: &Participant, topic: &str, qos: Qos)
 #[test]
 fn a_courier_vibrates_when_a_client_asks_the_generator_to_feed() {
     let domain = TestDomain::claim();
-    let scenario = Scenario::default();
+    let plan = Scenario::default().plan().unwrap();
+    let (_, generator) = plan.of_kind::<WaveformGeneratorConfig>().next().unwrap();
+    let (_, courier) = plan.of_kind::<CourierDriverConfig>().next().unwrap();
     let stop = Arc::new(AtomicBool::new(false));
     let generator = std::thread::spawn({
-        let (domain, scenario, stop) = (*domain, scenario.clone(), stop.clone());
-        move || run_real::<WaveformGenerator>(&domain, "/feeder", &scenario, &stop)
+        let (domain, config, stop) = (*domain, generator.clone(), stop.clone());
+        move || run_real::<WaveformGenerator>(&domain, "/feeder", &config, &stop)
     });
     let courier = std::thread::spawn({
-        let (domain, scenario, stop) = (*domain, scenario.clone(), stop.clone());
-        move || run_real::<CourierDriver>(&domain, "/feeder", &scenario, &stop)
+        let (domain, config, stop) = (*domain, courier.clone(), stop.clone());
+        move || run_real::<CourierDriver>(&domain, "/feeder", &config, &stop)
     });
     let here = participant(&domain);
     let (_odometry_reader, odometry) = hear::<Odometry>(&here, "/feeder/odometry", Qos::command());
@@ -57,7 +60,7 @@ fn a_courier_vibrates_when_a_client_asks_the_generator_to_feed() {
         (0..50).map(|_| ns_of_stamp(&odometry.recv_timeout(PATIENCE).unwrap().header.stamp)).collect();
     for pair in stamps.windows(2) {
         // A machine that stands still for a while makes the node skip, never hurry.
-        assert!(pair[1] - pair[0] >= scenario.time.tick_ns(), "{pair:?}");
+        assert!(pair[1] - pair[0] >= plan.time.tick_ns(), "{pair:?}");
     }
 
     // Without simulated time nothing moves before somebody makes the driver active.
@@ -81,7 +84,7 @@ fn a_courier_vibrates_when_a_client_asks_the_generator_to_feed() {
 fn a_nodes_command_runs_it_until_it_is_told_to_go() {
     let domain = TestDomain::claim();
     let mut node = Command::new(env!("CARGO_BIN_EXE_feeder-under-test"))
-        .args(["node", "waveform_generator", "--namespace", "/other"])
+        .args(["node", "waveform_generator", "--ros-args", "-r", "__ns:=/other"])
         .env("ROS_DOMAIN_ID", domain.id.to_string())
         .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         .env_remove("ROS_LOCALHOST_ONLY")

@@ -1,6 +1,5 @@
 //! A node that answers every request with something that only this request can have asked for.
 
-use std::str::FromStr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -34,15 +33,6 @@ impl Default for EchoConfig {
     }
 }
 
-impl FromStr for EchoConfig {
-    type Err = std::io::Error;
-
-    fn from_str(yaml: &str) -> Result<Self, Self::Err> {
-        let config: Self = serde_saphyr::from_str(yaml).map_err(std::io::Error::other)?;
-        if config.places_m.is_empty() { Err(std::io::Error::other("places_m is empty")) } else { Ok(config) }
-    }
-}
-
 /// A goal with this tolerance replaces the goals of its client that are running.
 pub(super) const REPLACES_M: f64 = 1.0;
 
@@ -71,12 +61,12 @@ impl FeederNode for Echo {
     type Config = EchoConfig;
     type Ports = (Server<ReportHandover>, ActionServerPorts<DeliverPart>);
 
-    fn namespaces(_: &EchoConfig) -> Vec<String> {
-        vec!["/test".to_owned()]
-    }
-
     fn tick(_: &EchoConfig) -> Duration {
         Duration::from_millis(10)
+    }
+
+    fn check(config: &EchoConfig) -> Result<(), NodeError> {
+        if config.places_m.is_empty() { Err(NodeError::new("places_m is empty")) } else { Ok(()) }
     }
 
     fn declare(io: &mut Declare, _: &EchoConfig) -> Self::Ports {

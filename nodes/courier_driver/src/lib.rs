@@ -14,7 +14,8 @@ use feeder_runtime::node::{
     ActionServer, ActionServerPorts, Declare, FeederNode, GoalId, GoalRequest, Lifecycle, LifecyclePorts,
     LifecycleState, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber,
 };
-use feeder_scenario::{Scenario, SimulatedDriver};
+use feeder_scenario::SimulatedDriver;
+use feeder_scenario::plan::{CourierDriverConfig, NodeConfig};
 use feeder_wire::{nodes, services, topics};
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectory, FollowJointTrajectoryResult};
 use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
@@ -81,18 +82,18 @@ pub struct CourierDriver {
 
 impl FeederNode for CourierDriver {
     const NAME: &'static str = nodes::COURIER_DRIVER;
-    type Config = Scenario;
+    type Config = CourierDriverConfig;
     type Ports = Ports;
 
-    fn namespaces(config: &Scenario) -> Vec<String> {
-        vec![config.namespace()]
+    fn tick(config: &CourierDriverConfig) -> Duration {
+        Duration::from_millis(config.tick_ms)
     }
 
-    fn tick(config: &Scenario) -> Duration {
-        Duration::from_nanos(config.time.tick_ns())
+    fn check(config: &CourierDriverConfig) -> Result<(), NodeError> {
+        NodeConfig::check(config).map_err(NodeError::new)
     }
 
-    fn declare(io: &mut Declare, _: &Scenario) -> Ports {
+    fn declare(io: &mut Declare, _: &CourierDriverConfig) -> Ports {
         Ports {
             lifecycle: io.lifecycle(Self::NAME),
             topics: Topics {
@@ -116,16 +117,16 @@ impl FeederNode for CourierDriver {
         }
     }
 
-    fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
+    fn open(ports: Ports, config: &CourierDriverConfig) -> Result<Self, NodeError> {
         let seed = seed_for(config.seed, Self::NAME);
-        let mut driver = config.simulated_driver(seed).map_err(NodeError::new)?;
+        let mut driver = config.simulated_courier().driver(seed).map_err(NodeError::new)?;
         driver.set_active(false);
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
-            reason = "a scenario holds a small positive ratio"
+            reason = "a checked configuration holds a small positive ratio"
         )]
-        let servo_ticks = (config.time.tick_s() / config.courier.servo_period_s).round() as usize;
+        let servo_ticks = (Self::tick(config).as_secs_f64() / config.courier.servo_period_s).round() as usize;
         Ok(Self {
             topics: ports.topics,
             services: ports.services,
@@ -133,11 +134,11 @@ impl FeederNode for CourierDriver {
             trajectory: ActionServer::new(ports.trajectory),
             driver,
             servo_ticks,
-            tick: Duration::from_millis(config.time.tick_ms),
+            tick: Self::tick(config),
             sequence: 0,
-            name: format!("{}/{}", config.namespace(), Self::NAME),
+            name: format!("/{}/{}", config.feeder, Self::NAME),
             names: messages::Names::new(&config.feeder),
-            tray_height_m: config.tray.floor_height_m,
+            tray_height_m: config.tray_floor_height_m,
             goals: Vec::new(),
             accepted: None,
             refused: None,

@@ -1,7 +1,6 @@
 //! What the feeder tells other agents about itself.
 
-use feeder_model::part::PartType;
-use feeder_scenario::Scenario;
+use feeder_scenario::plan::DeliveryPlannerConfig;
 use feeder_wire::services;
 use minifactory_msgs::geometry_msgs::msg::Point;
 use minifactory_msgs::msg::{Factsheet, Recipe, StationFact};
@@ -9,17 +8,16 @@ use minifactory_msgs::msg::{Factsheet, Recipe, StationFact};
 /// Version of the protocol that `msgs/PROTOCOL.md` describes.
 const PROTOCOL_VERSION: &str = "2.0";
 
-/// The factsheet of a scenario's feeder, with its first recipe in force.
-pub(crate) fn of(config: &Scenario, part: &PartType) -> Factsheet {
-    let delivery = config.delivery(part);
-    let (gentle, limits) = (delivery.gentle, &config.courier.limits);
+/// The factsheet of a feeder, with its first recipe in force.
+pub(crate) fn of(config: &DeliveryPlannerConfig) -> Factsheet {
+    let delivery = config.delivery();
+    let (gentle, limits) = (delivery.gentle, &config.limits);
     let by_friction_m_s2 = gentle.friction_share * gentle.friction * gentle.gravity_m_s2;
-    let by_motor_m_s2 = limits.translation_acceleration_m_s2_max(&config.courier.load);
-    let recipes = config.recipes(part);
+    let by_motor_m_s2 = limits.translation_acceleration_m_s2_max(&config.load);
     let stations = config.stations.iter().map(|station| StationFact {
         name: station.name.clone(),
         tool_in_platen: Point { x: station.x_m, y: station.y_m, z: config.tray.plateau_height_m() },
-        rechecked: delivery.rechecked_stations.contains(&station.name),
+        rechecked: station.rechecked,
     });
     let flat = |x: f64, y: f64| Point { x, y, z: 0.0 };
     Factsheet {
@@ -27,15 +25,16 @@ pub(crate) fn of(config: &Scenario, part: &PartType) -> Factsheet {
         feeder: config.feeder.clone(),
         platen_frame: "platen".to_owned(),
         tray_frame: format!("{}/tray", config.feeder),
-        recipe: recipes.first().map(|recipe| recipe.name.clone()).unwrap_or_default(),
-        recipes: recipes
-            .into_iter()
+        recipe: config.recipes.first().map(|recipe| recipe.name.clone()).unwrap_or_default(),
+        recipes: config
+            .recipes
+            .iter()
             .map(|recipe| Recipe {
-                name: recipe.name,
-                part_class: part.name.clone(),
-                pose_classes: recipe.pose_classes,
-                part_diameter_m: 2.0 * part.outline_radius_m(),
-                part_height_m: part.height_max_m(),
+                name: recipe.name.clone(),
+                part_class: config.part_class.clone(),
+                pose_classes: recipe.pose_classes.clone(),
+                part_diameter_m: config.part_diameter_m,
+                part_height_m: config.part_height_m,
             })
             .collect(),
         stations: stations.collect(),

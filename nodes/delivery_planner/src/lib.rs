@@ -11,12 +11,11 @@ use std::time::Duration;
 
 use feeder_control::delivery::{CourierReport, DeliveryId, DeliverySequencer, MoveId, Output, ReserveId};
 use feeder_model::seed::generator;
-use feeder_model::waveform::Waveform;
 use feeder_runtime::node::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, Asker, CallId, Client, ClientEvent, Declare,
     FeederNode, GoalEnd, GoalId, NodeError, Publisher, Server, StepIo, Subscriber, ns_of_stamp,
 };
-use feeder_scenario::Scenario;
+use feeder_scenario::plan::{DeliveryPlannerConfig, NodeConfig, PlannedRecipe};
 use feeder_wire::pose::yaw_of_quaternion;
 use feeder_wire::{nodes, services, topics};
 use minifactory_msgs::action::DeliverPart;
@@ -77,7 +76,7 @@ pub struct DeliveryPlanner {
     part_class: String,
     tray_frame: String,
     random: Pcg64Mcg,
-    recipes: Vec<Recipe>,
+    recipes: Vec<PlannedRecipe>,
     /// Index of the recipe in force.
     recipe: usize,
     /// Open goals of agents.
@@ -98,13 +97,6 @@ pub struct DeliveryPlanner {
     said_fact: bool,
 }
 
-/// What the feeder can feed.
-struct Recipe {
-    name: String,
-    pose_classes: Vec<String>,
-    waveform: Option<Waveform>,
-}
-
 struct Open {
     goal: GoalId,
     station: String,
@@ -112,18 +104,18 @@ struct Open {
 
 impl FeederNode for DeliveryPlanner {
     const NAME: &'static str = nodes::DELIVERY_PLANNER;
-    type Config = Scenario;
+    type Config = DeliveryPlannerConfig;
     type Ports = Ports;
 
-    fn namespaces(config: &Scenario) -> Vec<String> {
-        vec![config.namespace()]
+    fn tick(config: &DeliveryPlannerConfig) -> Duration {
+        Duration::from_millis(config.tick_ms)
     }
 
-    fn tick(config: &Scenario) -> Duration {
-        Duration::from_nanos(config.time.tick_ns())
+    fn check(config: &DeliveryPlannerConfig) -> Result<(), NodeError> {
+        NodeConfig::check(config).map_err(NodeError::new)
     }
 
-    fn declare(io: &mut Declare, config: &Scenario) -> Ports {
+    fn declare(io: &mut Declare, config: &DeliveryPlannerConfig) -> Ports {
         let plain = Plain {
             part_candidates: io.subscriber(&topics::PART_CANDIDATES),
             odometry: io.subscriber(&topics::ODOMETRY),
@@ -137,7 +129,7 @@ impl FeederNode for DeliveryPlanner {
             delivery_state: io.publisher(&topics::DELIVERY_STATE),
             state: io.publisher(&topics::STATE),
             factsheet: io.publisher(&topics::FACTSHEET),
-            arbiter: config.is_arbitrated().then(|| Arbiter {
+            arbiter: config.arbitrated.then(|| Arbiter {
                 reserve: io.client(&services::RESERVE_AREA),
                 release: io.client(&services::RELEASE_AREA),
             }),
@@ -146,27 +138,19 @@ impl FeederNode for DeliveryPlanner {
         Ports { plain, trajectory, deliver: io.action_server(&services::DELIVER_PART) }
     }
 
-    fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
-        let courier = &config.courier;
-        let part = config.part_type().map_err(NodeError::new)?;
-        let sequencer =
-            DeliverySequencer::new(config.delivery(&part), config.tray.geometry, courier.limits, courier.load)
-                .map_err(NodeError::new)?;
-        let recipes = config.recipes(&part).into_iter().map(|recipe| {
-            let waveform = recipe.waveform.map(|waveform| waveform.design(&config.tray.geometry)).transpose();
-            let waveform = waveform.map_err(NodeError::new)?;
-            Ok(Recipe { name: recipe.name, pose_classes: recipe.pose_classes, waveform })
-        });
+    fn open(ports: Ports, config: &DeliveryPlannerConfig) -> Result<Self, NodeError> {
+        let sequencer = DeliverySequencer::new(config.delivery(), config.tray.geometry, config.limits, config.load)
+            .map_err(NodeError::new)?;
         Ok(Self {
             ports: ports.plain,
             trajectory: ActionClient::new(ports.trajectory),
             deliver: ActionServer::new(ports.deliver),
             sequencer,
             feeder: config.feeder.clone(),
-            part_class: part.name.clone(),
+            part_class: config.part_class.clone(),
             tray_frame: format!("{}/tray", config.feeder),
             random: generator(config.seed, Self::NAME),
-            recipes: recipes.collect::<Result<_, NodeError>>()?,
+            recipes: config.recipes.clone(),
             recipe: 0,
             deliveries: BTreeMap::new(),
             reported: VecDeque::new(),
@@ -177,7 +161,7 @@ impl FeederNode for DeliveryPlanner {
             said: DeliveryState::default(),
             said_ns: 0,
             said_state: None,
-            fact: factsheet::of(config, &part),
+            fact: factsheet::of(config),
             said_fact: false,
         })
     }

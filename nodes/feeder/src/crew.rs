@@ -11,9 +11,9 @@ use anyhow::{Context as _, bail};
 use feeder_runtime::dds::{DiscoveryRange, Domain};
 use feeder_runtime::launch::Seat;
 use feeder_runtime::lockstep::{LoopContract, RunError};
-use feeder_scenario::Scenario;
+use feeder_scenario::plan::RunPlan;
 
-use crate::table::placed;
+use crate::table::{name_of, placed};
 
 /// A node running in a thread of this process.
 pub(crate) type NodeThread = JoinHandle<Result<(), RunError>>;
@@ -25,22 +25,22 @@ pub(crate) enum Crew {
 }
 
 impl Crew {
-    /// Starts every node of the scenario in a thread.
-    pub(crate) fn threads(seat: &impl Fn(&str) -> Seat, scenario: &Scenario) -> anyhow::Result<Self> {
+    /// Starts every node of the plan in a thread.
+    pub(crate) fn threads(seat: &impl Fn(&str) -> Seat, plan: &RunPlan) -> anyhow::Result<Self> {
         let mut threads = Vec::new();
-        for placed in placed(scenario) {
-            let (seat, name) = (seat(&placed.namespace), placed.full_name());
-            let thread = std::thread::Builder::new().name(placed.entry.name.to_owned());
-            let thread = thread.spawn(move || (placed.entry.run)(&seat, &placed.scenario))?;
+        for (entry, planned) in placed(plan) {
+            let (seat, name, planned) = (seat(&planned.namespace), name_of(planned), planned.clone());
+            let thread = std::thread::Builder::new().name(entry.name.to_owned());
+            let thread = thread.spawn(move || (entry.run)(&seat, &planned))?;
             threads.push((name, Some(thread)));
         }
         Ok(Self::Threads(threads))
     }
 
-    /// Starts every node of the scenario as a process of this executable. Files for them go to `work`.
+    /// Starts every node of the plan as a process of this executable. Files for them go to `work`.
     pub(crate) fn processes(
         work: &Path,
-        scenario: &Scenario,
+        plan: &RunPlan,
         contract: &LoopContract,
         domain: &Domain,
         digest_dir: Option<&Path>,
@@ -48,18 +48,15 @@ impl Crew {
     ) -> anyhow::Result<Self> {
         let contract_file = work.join("contract.json");
         std::fs::write(&contract_file, serde_json::to_vec(contract)?)?;
+        let plan_file = work.join("plan.yaml");
+        std::fs::write(&plan_file, plan.to_yaml()?)?;
         let executable = std::env::current_exe().context("cannot find this executable")?;
         let (sender, lines) = channel();
         let mut children = Vec::new();
-        for placed in placed(scenario) {
-            let scenario_file = work.join(format!("{}.yaml", placed.scenario.feeder));
-            // Written once: the nodes of this feeder that were started before may be reading it.
-            if !scenario_file.exists() {
-                std::fs::write(&scenario_file, placed.scenario.to_yaml()?)?;
-            }
+        for (entry, planned) in placed(plan) {
             let mut command = Command::new(&executable);
-            command.args(["node", placed.entry.name, "--namespace", &placed.namespace]);
-            command.arg("--config").arg(&scenario_file).arg("--loop").arg(&contract_file);
+            command.args(["node", entry.name, "--namespace", &planned.namespace]);
+            command.arg("--config").arg(&plan_file).arg("--loop").arg(&contract_file);
             if let Some(dir) = digest_dir {
                 command.arg("--digest-dir").arg(dir);
             }
@@ -68,7 +65,7 @@ impl Crew {
             }
             export(domain, &mut command);
             own_process_group(&mut command);
-            let name = placed.full_name();
+            let name = name_of(planned);
             let mut child = command
                 .stdin(Stdio::null())
                 .stdout(Stdio::null())

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, bail};
 use feeder_runtime::dds::{Client, Domain, NodeName, Participant, Reader};
 use feeder_runtime::node::{Port, PortKind};
-use feeder_scenario::Scenario;
+use feeder_scenario::plan::{RunPlan, load_plan};
 use minifactory_msgs::interface::TopicSpec;
 use minifactory_msgs::interface::standard::{CLOCK, DIAGNOSTICS, PARAMETER_EVENTS, ROSOUT};
 use minifactory_msgs::rcl_interfaces::srv::{
@@ -19,7 +19,6 @@ use minifactory_msgs::type_description_interfaces::srv::GetTypeDescription;
 use minifactory_msgs::{Message, Service};
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::scenario_file::load_taught;
 use crate::up::interfaces;
 
 /// How long the suite may take to come up or to go, wall time.
@@ -67,10 +66,10 @@ struct Outside {
 
 /// Runs the check and prints a line for each start, then medians and worst.
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let scenario = load_taught(args.scenario.as_deref())?;
+    let plan = load_plan(args.scenario.as_deref())?;
     let mut domain = Domain::from_env()?;
     domain.id = args.domain.unwrap_or(domain.id);
-    let outside = Outside::open(&domain, &scenario)?;
+    let outside = Outside::open(&domain, &plan)?;
     let endpoints = outside.readers.iter().map(|(_, writers)| writers).sum::<usize>() + outside.clients.len();
     println!("{endpoints} endpoints in domain {}", domain.id);
     println!("run  matched_s  ticking_s  ended_s  gone_s");
@@ -100,7 +99,7 @@ impl Timing {
 }
 
 impl Outside {
-    fn open(domain: &Domain, scenario: &Scenario) -> anyhow::Result<Self> {
+    fn open(domain: &Domain, plan: &RunPlan) -> anyhow::Result<Self> {
         let participant = Participant::open(domain, &NodeName::new("/", "graph_check")?)?;
         let ticks = Arc::new(AtomicU64::new(0));
         let clock = participant.topic_reader(&CLOCK, "", {
@@ -109,7 +108,7 @@ impl Outside {
         })?;
         let mut outside = Self { participant, readers: vec![(clock, 1)], clients: Vec::new(), ticks };
         outside.meet_housekeeping("/feeder_up")?;
-        for (node, interface) in interfaces(scenario)? {
+        for (node, interface) in interfaces(plan)? {
             for port in &interface.ports {
                 outside.meet(port)?;
             }

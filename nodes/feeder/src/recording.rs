@@ -11,11 +11,11 @@ use feeder_bag_transport::record::record_run;
 use feeder_bags::{BagError, BagWriter, Definitions, Distribution, NewAttachment, Selection, WriteSettings};
 use feeder_runtime::lockstep::LoopContract;
 use feeder_runtime::recording::RunListener;
-use feeder_scenario::Scenario;
+use feeder_scenario::plan::RunPlan;
 use regex::Regex;
 
-/// Attachment with the scenario, seed and duration included.
-pub(crate) const SCENARIO: &str = "scenario.yaml";
+/// Attachment with the plan of the run, the scenario's text included.
+pub(crate) const PLAN: &str = "plan.yaml";
 /// Metadata record with what else the run depends on.
 pub(crate) const RUN: &str = "feeder_run";
 /// Metadata record with how it ended.
@@ -53,17 +53,17 @@ impl Recording {
         options: &RecordOptions,
         work: &Path,
         contract: &LoopContract,
-        scenario: &Scenario,
+        plan: &RunPlan,
     ) -> anyhow::Result<Option<Self>> {
         let Some(folder) = &options.record else { return Ok(None) };
         let settings = WriteSettings { distribution: options.record_compat, ..WriteSettings::default() };
         let mut writer = BagWriter::create(folder, settings)?;
-        let data = scenario.to_yaml()?.into_bytes();
-        let (name, media_type) = (SCENARIO.to_owned(), "application/yaml".to_owned());
+        let data = plan.to_yaml()?.into_bytes();
+        let (name, media_type) = (PLAN.to_owned(), "application/yaml".to_owned());
         writer.attach(NewAttachment { name, media_type, data })?;
         let facts = [
-            ("feeder_version", env!("CARGO_PKG_VERSION").to_owned()),
-            ("seed", scenario.seed.to_string()),
+            ("feeder_version", plan.provenance.version.clone()),
+            ("seed", plan.provenance.seed.to_string()),
             ("tick_ns", contract.timing.tick_ns.to_string()),
         ];
         let facts: BTreeMap<String, String> = facts.map(|(key, value)| (key.to_owned(), value)).into();

@@ -1,17 +1,14 @@
 //! The nodes this executable can be.
 
-use std::sync::Arc;
-
 use feeder_runtime::launch::{Recorded, Seat, full_name, interface, replay, run_in_loop};
 use feeder_runtime::lockstep::{LoopContract, RunError};
-use feeder_runtime::node::{FeederNode, Interface, NodeError, NotStated};
-use feeder_scenario::Scenario;
+use feeder_runtime::node::{FeederNode, Interface, NodeError};
+use feeder_scenario::plan::{NodeConfig, PlannedNode, RunPlan, load_node};
 
-/// Runs a node of a run in a namespace alone for so many ticks: what it hears, which topics are wanted, and where they go.
+/// Runs a node of a run alone for so many ticks: what it hears, which topics are wanted, and where they go.
 pub(crate) type Replay = fn(
     &LoopContract,
-    &str,
-    &Scenario,
+    &PlannedNode,
     u64,
     &mut dyn Iterator<Item = Recorded>,
     &dyn Fn(&str) -> bool,
@@ -22,59 +19,45 @@ pub(crate) type Replay = fn(
 pub(crate) struct NodeEntry {
     /// Name of the node.
     pub(crate) name: &'static str,
-    /// The namespaces a scenario asks for one in.
-    pub(crate) namespaces: fn(&Scenario) -> Vec<String>,
     /// Its ports.
-    pub(crate) interface: fn(&str, &Scenario) -> Result<Interface, NotStated>,
+    pub(crate) interface: fn(&PlannedNode) -> Result<Interface, NodeError>,
     /// Runs it in a loop.
-    pub(crate) run: fn(&Seat, &Scenario) -> Result<(), RunError>,
+    pub(crate) run: fn(&Seat, &PlannedNode) -> Result<(), RunError>,
     /// Runs it alone on what a run recorded.
     pub(crate) replay: Replay,
     /// Runs its own command line, without the program's name.
     pub(crate) main: fn(Vec<std::ffi::OsString>) -> std::process::ExitCode,
 }
 
-const fn entry<N: FeederNode<Config = Scenario>>() -> NodeEntry {
+/// The configuration of a planned node, which must be of this kind.
+fn config<C: NodeConfig>(planned: &PlannedNode) -> Result<&C, NodeError> {
+    C::of(&planned.node).ok_or_else(|| NodeError::new(format!("{} is no {}", name_of(planned), C::KIND)))
+}
+
+const fn entry<N: FeederNode<Config: NodeConfig>>() -> NodeEntry {
     NodeEntry {
         name: N::NAME,
-        namespaces: N::namespaces,
-        interface: interface::<N>,
-        run: run_in_loop::<N>,
-        replay: replay::<N>,
-        main: feeder_runtime::main_with::<N>,
+        interface: |planned| interface::<N>(&planned.namespace, config(planned)?).map_err(NodeError::new),
+        run: |seat, planned| run_in_loop::<N>(seat, config(planned).map_err(RunError::Node)?),
+        replay: |contract, planned, ticks, recorded, wanted, publish| {
+            replay::<N>(contract, &planned.namespace, config(planned)?, ticks, recorded, wanted, publish)
+        },
+        main: |arguments| feeder_runtime::main_with::<N, _>(load_node, arguments),
     }
 }
 
-/// A node of a run: what it is, where it lives, and the scenario as the feeder it belongs to sees it.
-pub(crate) struct Placed {
-    pub(crate) entry: &'static NodeEntry,
-    pub(crate) namespace: String,
-    pub(crate) scenario: Arc<Scenario>,
+/// Full name of a planned node.
+pub(crate) fn name_of(planned: &PlannedNode) -> String {
+    full_name(&planned.namespace, planned.node.kind())
 }
 
-impl Placed {
-    pub(crate) fn full_name(&self) -> String {
-        full_name(&self.namespace, self.entry.name)
-    }
+/// The nodes of a plan that this executable can be, each with its kind: all but the monitor, which `feeder up` itself is.
+pub(crate) fn placed(plan: &RunPlan) -> impl Iterator<Item = (&'static NodeEntry, &PlannedNode)> {
+    let entry = |planned: &PlannedNode| NODES.iter().find(|entry| entry.name == planned.node.kind());
+    plan.nodes.iter().filter_map(move |planned| Some((entry(planned)?, planned)))
 }
 
-/// All nodes that a scenario asks for. What belongs to no feeder alone goes with the first.
-pub(crate) fn placed(scenario: &Scenario) -> Vec<Placed> {
-    let feeders: Vec<Arc<Scenario>> = scenario.of_each_feeder().into_iter().map(Arc::new).collect();
-    let mut placed: Vec<Placed> = Vec::new();
-    for entry in NODES {
-        for scenario in &feeders {
-            for namespace in (entry.namespaces)(scenario) {
-                if !placed.iter().any(|other| other.entry.name == entry.name && other.namespace == namespace) {
-                    placed.push(Placed { entry, namespace, scenario: Arc::clone(scenario) });
-                }
-            }
-        }
-    }
-    placed
-}
-
-/// Every node a scenario runs, in the order in which they are listed and started.
+/// Every kind of node but the monitor.
 pub(crate) const NODES: &[NodeEntry] = &[
     entry::<waveform_generator::WaveformGenerator>(),
     entry::<courier_driver::CourierDriver>(),

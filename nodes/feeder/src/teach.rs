@@ -25,7 +25,7 @@ pub(crate) struct TeachArgs {
 
 /// Prints the model, as a scenario names it with `part_model`.
 pub(crate) fn run(args: &TeachArgs) -> anyhow::Result<()> {
-    let mut scenario = crate::scenario_file::load_untaught(args.scenario.as_deref())?;
+    let mut scenario = feeder_scenario::plan::load_untaught(args.scenario.as_deref())?;
     if let Some(part) = &args.part {
         scenario.part = PartSource::Name(part.clone());
     }

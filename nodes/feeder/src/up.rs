@@ -10,15 +10,16 @@ use feeder_runtime::dds::{DiscoveryRange, Domain, NodeName, Participant};
 use feeder_runtime::digest::{self, Digest};
 use feeder_runtime::launch::{Seat, full_name, run_opened};
 use feeder_runtime::lockstep::{Clock, ClockRunner, Hub, LoopContract, LoopTiming, Speed};
-use feeder_runtime::node::{Declare, FeederNode, Interface, NotStated};
+use feeder_runtime::node::{Declare, FeederNode, Interface, NodeError};
 use feeder_scenario::Scenario;
+use feeder_scenario::plan::{Loaded, RunMonitorConfig, RunPlan, load};
 use feeder_wire::topics::CLOCK;
 use run_monitor::{Progress, RunMonitor};
 
 use crate::crew::{Crew, NodeThread};
 use crate::recording::{RecordOptions, Recording};
 use crate::summary::Summary;
-use crate::table::placed;
+use crate::table::{name_of, placed};
 use crate::view::View;
 
 /// How long nodes may take to appear and connect, wall time.
@@ -33,7 +34,7 @@ const BUSY_CHECK: Duration = Duration::from_millis(600);
 /// Run a scenario: all nodes, simulated time, progress and a summary.
 #[derive(Debug, Clone, clap::Args)]
 pub struct UpArgs {
-    /// Scenario file (YAML); without it the built-in scenario runs
+    /// Scenario, or plan of a run that was (YAML); without it the built-in scenario runs
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
     /// Simulated seconds per wall second: a positive number, or max
@@ -83,15 +84,9 @@ impl Default for UpArgs {
 }
 
 impl UpArgs {
-    /// To run a scenario as fast as the machine allows, and record it.
-    pub(crate) fn again(
-        scenario: PathBuf,
-        duration_s: f64,
-        composed: bool,
-        domain: Option<u16>,
-        recording: RecordOptions,
-    ) -> Self {
-        Self { scenario: Some(scenario), duration: Some(duration_s), composed, domain, recording, ..Self::default() }
+    /// To run a plan as fast as the machine allows, and record it.
+    pub(crate) fn again(composed: bool, domain: Option<u16>, recording: RecordOptions) -> Self {
+        Self { composed, domain, recording, ..Self::default() }
     }
 }
 
@@ -107,9 +102,13 @@ fn parse_speed(text: &str) -> Result<Speed, String> {
 
 /// Runs the scenario to its end.
 pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
-    let scenario = load_scenario(args)?;
+    run_plan(&load_plan(args)?, args)
+}
+
+/// Runs a plan to its end.
+pub(crate) fn run_plan(plan: &RunPlan, args: &UpArgs) -> anyhow::Result<()> {
     let stop = stop_on_signals()?;
-    let Ended { summary, outcome, .. } = execute(&scenario, args, &stop)?;
+    let Ended { summary, outcome, .. } = execute(plan, args, &stop)?;
     print!("{summary}");
     if let Some(file) = &args.summary {
         write(file, &summary.to_json()?)?;
@@ -137,23 +136,23 @@ pub struct Ended {
     pub outcome: anyhow::Result<()>,
 }
 
-/// Runs a scenario as `args` say but for the scenario they name.
+/// Runs a plan as `args` say but for the scenario they name.
 ///
 /// # Errors
 /// A domain that is taken, nodes that cannot be connected or started.
-pub fn execute(scenario: &Scenario, args: &UpArgs, stop: &AtomicBool) -> anyhow::Result<Ended> {
+pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &AtomicBool) -> anyhow::Result<Ended> {
     let started = Instant::now();
     let domain = domain(args)?;
     let participant = Participant::open(&domain, &NodeName::new("/", "feeder_up")?)?;
-    refuse_busy_domain(&participant, &domain, scenario, stop)?;
+    refuse_busy_domain(&participant, &domain, plan, stop)?;
 
-    let contract = Arc::new(connect(scenario)?);
+    let contract = Arc::new(connect(plan)?);
     let work = tempfile::tempdir().context("cannot make a temporary folder")?;
     let digests = work.path().join("digests");
     std::fs::create_dir(&digests)?;
     let digest_dir = args.digest.is_some().then(|| digests.clone());
     let progress = Arc::new(Mutex::new(Progress::default()));
-    let recording = Recording::start(&args.recording, work.path(), &contract, scenario)?;
+    let recording = Recording::start(&args.recording, work.path(), &contract, plan)?;
     let record_to = recording.as_ref().map(Recording::socket);
 
     let hub = args.composed.then(Hub::default);
@@ -167,14 +166,16 @@ pub fn execute(scenario: &Scenario, args: &UpArgs, stop: &AtomicBool) -> anyhow:
         record_to: record_to.map(Path::to_owned),
         stop: Arc::clone(&left_early),
     };
-    let monitor = start_monitor(&seat(&format!("/{}", scenario.feeder)), scenario, Arc::clone(&progress))?;
+    let (namespace, config) = plan.of_kind::<RunMonitorConfig>().next().context("the plan has no run_monitor")?;
+    let arbitrated = config.arbitrated;
+    let monitor = start_monitor(&seat(namespace), config, plan.run.goal_delivered, Arc::clone(&progress))?;
     let mut crew = if args.composed {
-        Crew::threads(&seat, scenario)?
+        Crew::threads(&seat, plan)?
     } else {
-        Crew::processes(work.path(), scenario, &contract, &domain, digest_dir.as_deref(), record_to)?
+        Crew::processes(work.path(), plan, &contract, &domain, digest_dir.as_deref(), record_to)?
     };
 
-    let end_tick = ticks(scenario.run.duration_s, contract.timing.tick_ns);
+    let end_tick = ticks(plan.run.duration_s, contract.timing.tick_ns);
     let clock = Clock::new(contract.as_ref().clone(), args.speed, end_tick, START_UP_LIMIT);
     let clock_digest = Digest::new(digest_dir.as_deref(), &CLOCK.name_in(""), &contract.shared_topics);
     let mut clock = ClockRunner::open(&participant, &contract, hub.as_ref(), clock, clock_digest)?;
@@ -204,7 +205,7 @@ pub fn execute(scenario: &Scenario, args: &UpArgs, stop: &AtomicBool) -> anyhow:
 
     let progress = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
     let (startup, wall) = (started_ticking - started, ended - started_ticking);
-    let summary = Summary::new(&progress, scenario.is_arbitrated(), tick, contract.timing.tick_ns, startup, wall);
+    let summary = Summary::new(&progress, arbitrated, tick, contract.timing.tick_ns, startup, wall);
     let outcome = || {
         // A recorder that fails ends the run: its reason comes first.
         recorded?;
@@ -231,7 +232,34 @@ pub fn execute(scenario: &Scenario, args: &UpArgs, stop: &AtomicBool) -> anyhow:
 /// # Errors
 /// A scenario that cannot run.
 pub fn load_scenario(args: &UpArgs) -> anyhow::Result<Scenario> {
-    let mut scenario = crate::scenario_file::load_taught(args.scenario.as_deref())?;
+    match load(args.scenario.as_deref())? {
+        Loaded::Scenario(scenario, _) => changed_scenario(scenario, args),
+        Loaded::Plan(_) => bail!("a plan of a run that was cannot be changed: name a scenario"),
+    }
+}
+
+/// The plan of the run that `args` name, with what they put in its place.
+///
+/// # Errors
+/// A scenario that cannot run.
+pub fn load_plan(args: &UpArgs) -> anyhow::Result<RunPlan> {
+    let file = args.scenario.as_deref();
+    match load(file)? {
+        Loaded::Scenario(scenario, text) => {
+            let plan = changed_scenario(scenario, args)?.resolve(&text);
+            plan.with_context(|| feeder_scenario::plan::named(file))
+        }
+        Loaded::Plan(_) if args.seed.is_some() => bail!("--seed: a plan has its seed already; name a scenario"),
+        Loaded::Plan(mut plan) => {
+            plan.run.goal_delivered = args.goal.or(plan.run.goal_delivered);
+            plan.run.duration_s = args.duration.unwrap_or(plan.run.duration_s);
+            plan.check().context("--duration")?;
+            Ok(plan)
+        }
+    }
+}
+
+fn changed_scenario(mut scenario: Scenario, args: &UpArgs) -> anyhow::Result<Scenario> {
     if let Some(seed) = args.seed {
         scenario.seed = seed;
     }
@@ -263,15 +291,18 @@ fn domain(args: &UpArgs) -> anyhow::Result<Domain> {
 fn refuse_busy_domain(
     participant: &Participant,
     domain: &Domain,
-    scenario: &Scenario,
+    plan: &RunPlan,
     stop: &AtomicBool,
 ) -> anyhow::Result<()> {
-    let (clock, ours) = (CLOCK.name_in(""), format!("/{}/", scenario.feeder));
+    let clock = CLOCK.name_in("");
+    let ours: Vec<String> = plan.nodes.iter().map(|planned| format!("{}/", planned.namespace)).collect();
     let since = Instant::now();
     while since.elapsed() < BUSY_CHECK && !stop.load(Ordering::Relaxed) {
         let graph = participant.discovered();
         let topics = graph.writers.iter().filter_map(|writer| writer.topic.strip_prefix("rt"));
-        if let Some(topic) = topics.filter(|topic| *topic == clock || topic.starts_with(&ours)).min() {
+        if let Some(topic) =
+            topics.filter(|topic| *topic == clock || ours.iter().any(|ours| topic.starts_with(ours))).min()
+        {
             bail!(
                 "domain {} is busy: somebody already publishes {topic}; choose another with --domain (0 to 232) or ROS_DOMAIN_ID",
                 domain.id
@@ -282,31 +313,27 @@ fn refuse_busy_domain(
     Ok(())
 }
 
-/// All nodes the scenario asks for, and the monitor: full names and ports.
+/// All nodes of the plan: full names and ports.
 ///
 /// # Errors
 /// When a port of a node is not stated for it.
-pub(crate) fn interfaces(scenario: &Scenario) -> Result<Vec<(String, Interface)>, NotStated> {
-    let mut nodes: Vec<(String, Interface)> = Vec::new();
-    for placed in placed(scenario) {
-        nodes.push((placed.full_name(), (placed.entry.interface)(&placed.namespace, &placed.scenario)?));
-    }
-    for namespace in RunMonitor::namespaces(scenario) {
-        let interface = feeder_runtime::launch::interface::<RunMonitor>(&namespace, scenario)?;
-        nodes.push((full_name(&namespace, RunMonitor::NAME), interface));
-    }
-    Ok(nodes)
+pub(crate) fn interfaces(plan: &RunPlan) -> Result<Vec<(String, Interface)>, NodeError> {
+    let monitors = plan.of_kind::<RunMonitorConfig>().map(|(namespace, config)| {
+        let interface = feeder_runtime::launch::interface::<RunMonitor>(namespace, config).map_err(NodeError::new)?;
+        Ok((full_name(namespace, RunMonitor::NAME), interface))
+    });
+    placed(plan).map(|(entry, planned)| Ok((name_of(planned), (entry.interface)(planned)?))).chain(monitors).collect()
 }
 
 /// The loop of these nodes.
-pub(crate) fn connect(scenario: &Scenario) -> anyhow::Result<LoopContract> {
+pub(crate) fn connect(plan: &RunPlan) -> anyhow::Result<LoopContract> {
     let timing = LoopTiming {
-        tick_ns: scenario.time.tick_ns(),
-        forward_delay_ticks: scenario.time.forward_delay_ticks,
-        feedback_delay_ticks: scenario.time.feedback_delay_ticks,
-        window_ticks: scenario.time.window_ticks,
+        tick_ns: plan.time.tick_ns(),
+        forward_delay_ticks: plan.time.forward_delay_ticks,
+        feedback_delay_ticks: plan.time.feedback_delay_ticks,
+        window_ticks: plan.time.window_ticks,
     };
-    Ok(LoopContract::connect(rand::random(), timing, &interfaces(scenario)?)?)
+    Ok(LoopContract::connect(rand::random(), timing, &interfaces(plan)?)?)
 }
 
 fn ticks(duration_s: f64, tick_ns: u64) -> u64 {
@@ -317,12 +344,17 @@ fn write(file: &Path, text: &str) -> anyhow::Result<()> {
     std::fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))
 }
 
-fn start_monitor(seat: &Seat, scenario: &Scenario, progress: Arc<Mutex<Progress>>) -> anyhow::Result<NodeThread> {
+fn start_monitor(
+    seat: &Seat,
+    config: &RunMonitorConfig,
+    goal_delivered: Option<u32>,
+    progress: Arc<Mutex<Progress>>,
+) -> anyhow::Result<NodeThread> {
     let mut declare = Declare::new(RunMonitor::NAME, &seat.namespace);
-    let ports = RunMonitor::declare(&mut declare, scenario);
+    let ports = RunMonitor::declare(&mut declare, config);
     let interface = declare.finish()?;
-    let monitor = RunMonitor::watched(ports, scenario, progress)?;
-    let (seat, scenario) = (seat.clone(), scenario.clone());
+    let monitor = RunMonitor::watched(ports, config, goal_delivered, progress)?;
+    let (seat, config) = (seat.clone(), config.clone());
     let thread = std::thread::Builder::new().name(RunMonitor::NAME.to_owned());
-    Ok(thread.spawn(move || run_opened(&seat, monitor, RunMonitor::NAME, &scenario, interface))?)
+    Ok(thread.spawn(move || run_opened(&seat, monitor, RunMonitor::NAME, &config, interface))?)
 }

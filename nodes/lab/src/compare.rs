@@ -58,7 +58,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let under = |planner: fn(DeliveryConfig) -> DeliveryConfig| {
         let mut scenario = up::load_scenario(&options)?;
         scenario.delivery = planner(scenario.delivery);
-        let ended = up::execute(&scenario, &options, &stop)?;
+        let ended = up::execute(&scenario.plan()?, &options, &stop)?;
         ended.outcome.map(|()| ended.summary)
     };
     let (optimal, naive) = (under(|as_given| as_given)?, under(naive)?);

@@ -23,9 +23,9 @@ pub(crate) struct Args {
 /// # Errors
 /// A scenario that cannot run, or a folder that cannot be written.
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let scenario = up::load_scenario(&args.run)?;
+    let plan = up::load_plan(&args.run)?;
     let options = UpArgs { composed: true, ..args.run.clone() };
-    let ended = up::execute(&scenario, &options, &*up::stop_on_signals()?)?;
+    let ended = up::execute(&plan, &options, &*up::stop_on_signals()?)?;
     write(&args.out, &ended.progress)?;
     print!("{}", ended.summary);
     ended.outcome

@@ -12,7 +12,7 @@ use feeder_runtime::node::{
     ActionClient, ActionClientPorts, CallId, Client, ClientEvent, Declare, FeederNode, GoalId, NodeError, Publisher,
     StepIo,
 };
-use feeder_scenario::{Scenario, Station};
+use feeder_scenario::plan::{NodeConfig, OverheadManipulatorConfig};
 use feeder_wire::pose::{planar_pose, quaternion_of_yaw, yaw_of_quaternion};
 use feeder_wire::{nodes, services, topics};
 use minifactory_msgs::action::{DeliverPart, DeliverPartGoal, DeliverPartResult};
@@ -50,12 +50,11 @@ struct Report {
     attempts: u32,
 }
 
-/// Handles of the manipulator's ports, and which station it stands at.
+/// Handles of the manipulator's ports.
 pub struct Ports {
     feeders: Vec<FeederPorts>,
     joint_states: Publisher<JointState>,
     tf_static: Publisher<TFMessage>,
-    station: Option<Station>,
 }
 
 /// The manipulator.
@@ -66,10 +65,7 @@ pub struct OverheadManipulator {
     joint_states: Publisher<JointState>,
     tf_static: Publisher<TFMessage>,
     manipulator: Manipulator,
-    station: Station,
-    part_class: String,
-    pose_class: String,
-    plateau_height_m: f64,
+    config: OverheadManipulatorConfig,
     random: Pcg64Mcg,
     goal: Option<GoalId>,
     presented: bool,
@@ -84,58 +80,45 @@ pub struct OverheadManipulator {
 
 impl FeederNode for OverheadManipulator {
     const NAME: &'static str = nodes::OVERHEAD_MANIPULATOR;
-    type Config = Scenario;
+    type Config = OverheadManipulatorConfig;
     type Ports = Ports;
 
-    fn namespaces(config: &Scenario) -> Vec<String> {
-        let manned = config.stations.iter().filter(|station| !station.external);
-        manned.map(|station| format!("/{}", station.name)).collect()
+    fn tick(config: &OverheadManipulatorConfig) -> Duration {
+        Duration::from_millis(config.tick_ms)
     }
 
-    fn tick(config: &Scenario) -> Duration {
-        Duration::from_nanos(config.time.tick_ns())
+    fn check(config: &OverheadManipulatorConfig) -> Result<(), NodeError> {
+        NodeConfig::check(config).map_err(NodeError::new)
     }
 
-    fn declare(io: &mut Declare, config: &Scenario) -> Ports {
-        let here = io.namespace().trim_start_matches('/').to_owned();
-        let station = config.stations.iter().find(|station| station.name == here).cloned();
-        let feeders = station.iter().flat_map(|station| config.feeders_of(station)).map(|feeder| FeederPorts {
-            deliver: io.action_client_in(&format!("/{feeder}"), &services::DELIVER_PART),
-            pick: io.client_in(&config.pick_namespace(&here, &feeder), &services::PICK),
-            report: io.client_in(&format!("/{feeder}"), &services::REPORT_HANDOVER),
+    fn declare(io: &mut Declare, config: &OverheadManipulatorConfig) -> Ports {
+        let feeders = config.feeders.iter().map(|feeder| FeederPorts {
+            deliver: io.action_client_in(&format!("/{}", feeder.name), &services::DELIVER_PART),
+            pick: io.client_in(&feeder.pick_namespace, &services::PICK),
+            report: io.client_in(&format!("/{}", feeder.name), &services::REPORT_HANDOVER),
         });
         Ports {
             feeders: feeders.collect(),
             joint_states: io.publisher(&topics::TOOL_JOINT_STATES),
             tf_static: io.publisher(&topics::TF_STATIC),
-            station,
         }
     }
 
-    fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
-        let station = ports.station.ok_or_else(|| {
-            let known: Vec<_> = config.stations.iter().map(|station| &station.name).collect();
-            NodeError::new(format!("the namespace of a manipulator is the name of a station; known are {known:?}"))
-        })?;
+    fn open(ports: Ports, config: &OverheadManipulatorConfig) -> Result<Self, NodeError> {
         let feeders = ports.feeders.into_iter().map(|feeder| Feeder {
             deliver: ActionClient::new(feeder.deliver),
             pick: feeder.pick,
             report: feeder.report,
         });
-        let random = generator(config.seed, &format!("{}/pick", station.name));
-        let part = config.part_type().map_err(NodeError::new)?;
-        let pose_class = part.wanted_pose_names().next().unwrap_or_default().to_owned();
+        let random = generator(config.seed, &format!("{}/pick", config.station));
         Ok(Self {
             feeders: feeders.collect(),
             asked: 0,
             joint_states: ports.joint_states,
             tf_static: ports.tf_static,
-            manipulator: Manipulator::new(station.manipulator, random).map_err(NodeError::new)?,
-            pose_class,
-            part_class: part.name,
-            plateau_height_m: config.tray.plateau_height_m(),
-            random: generator(config.seed, &station.name),
-            station,
+            manipulator: Manipulator::new(config.manipulator, random).map_err(NodeError::new)?,
+            random: generator(config.seed, &config.station),
+            config: config.clone(),
             goal: None,
             presented: false,
             gripping: None,
@@ -157,7 +140,7 @@ impl FeederNode for OverheadManipulator {
         let joints = self.manipulator.joints(now_s);
         let state = JointState {
             header: io.header(""),
-            name: vec![format!("{}_z", self.station.name), format!("{}_theta", self.station.name)],
+            name: vec![format!("{}_z", self.config.station), format!("{}_theta", self.config.station)],
             position: joints.iter().map(|(position, _)| *position).collect(),
             velocity: joints.iter().map(|(_, velocity)| *velocity).collect(),
             effort: Vec::new(),
@@ -230,7 +213,7 @@ impl OverheadManipulator {
     }
 
     fn act(&mut self, io: &mut StepIo, action: Action) {
-        let config = &self.station.manipulator;
+        let config = &self.config.manipulator;
         match action {
             Action::Request => {
                 self.asked = (self.asked + 1) % self.feeders.len();
@@ -239,9 +222,9 @@ impl OverheadManipulator {
                 self.presented = false;
                 self.sequence = 0;
                 let goal = DeliverPartGoal {
-                    station: self.station.name.clone(),
-                    part_class: self.part_class.clone(),
-                    pose_class: self.pose_class.clone(),
+                    station: self.config.station.clone(),
+                    part_class: self.config.part_class.clone(),
+                    pose_class: self.config.pose_class.clone(),
                     tolerance_m: config.tolerance_m,
                     part_gap_m_min: config.part_gap_m_min,
                     timeout_s: config.timeout_s,
@@ -249,10 +232,10 @@ impl OverheadManipulator {
                 self.feeders[self.asked].deliver.send(io, id, goal);
             }
             Action::Grip { x_m, y_m, z_m, theta_rad } => {
-                let (x_m, y_m) = (self.station.x_m + x_m, self.station.y_m + y_m);
+                let (x_m, y_m) = (self.config.x_m + x_m, self.config.y_m + y_m);
                 let request = PickRequest {
-                    station: self.station.name.clone(),
-                    tool_in_platen: planar_pose(x_m, y_m, self.plateau_height_m + z_m, theta_rad),
+                    station: self.config.station.clone(),
+                    tool_in_platen: planar_pose(x_m, y_m, self.config.plateau_height_m + z_m, theta_rad),
                     gripper_opening_m: config.gripper_opening_m,
                 };
                 self.gripping = Some(io.call(&self.feeders[self.asked].pick, &request));
@@ -289,10 +272,10 @@ impl OverheadManipulator {
 
     /// The tool frame: where the axis meets the height of the plateau.
     fn mounting(&self, io: &StepIo) -> TFMessage {
-        let translation = Vector3 { x: self.station.x_m, y: self.station.y_m, z: self.plateau_height_m };
+        let translation = Vector3 { x: self.config.x_m, y: self.config.y_m, z: self.config.plateau_height_m };
         let transform = Transform { translation, rotation: quaternion_of_yaw(0.0) };
         let header: Header = io.header("platen");
-        let child_frame_id = format!("{}/tool", self.station.name);
+        let child_frame_id = format!("{}/tool", self.config.station);
         TFMessage { transforms: vec![TransformStamped { header, child_frame_id, transform }] }
     }
 }

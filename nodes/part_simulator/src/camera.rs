@@ -5,7 +5,7 @@ use feeder_model::part::PartType;
 use feeder_model::seed::generator;
 use feeder_runtime::lockstep::MESSAGE_BYTES_MAX;
 use feeder_runtime::node::{Declare, NodeError, Publisher, StepIo, stamp_of_ns};
-use feeder_scenario::Scenario;
+use feeder_scenario::plan::PartSimulatorConfig;
 use feeder_sim::camera::{PartView, Renderer, TrayShot, codec};
 use feeder_sim::parts::{Part, PartBulk, Place};
 use feeder_wire::topics;
@@ -54,10 +54,10 @@ pub(crate) struct Camera {
 }
 
 impl Camera {
-    pub(crate) fn open(config: &Scenario, part: &PartType) -> Result<Self, NodeError> {
+    pub(crate) fn open(config: &PartSimulatorConfig, part: &PartType) -> Result<Self, NodeError> {
         let period_ns = config.camera.period_ms * 1_000_000;
         Ok(Self {
-            renderer: Renderer::new(&config.scene(part)).map_err(NodeError::new)?,
+            renderer: Renderer::new(&config.camera.scene(config.tray, part)).map_err(NodeError::new)?,
             model: config.camera.model.clone(),
             tray: config.tray.geometry,
             period_ns,

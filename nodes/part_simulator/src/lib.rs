@@ -6,11 +6,12 @@ mod camera;
 
 use std::time::Duration;
 
+use feeder_model::part::PartType;
 use feeder_model::seed::seed_for;
 use feeder_runtime::node::{
     Declare, FeederNode, NodeError, Publisher, Server, StepIo, Subscriber, ns_of_stamp, stamp_of_ns,
 };
-use feeder_scenario::Scenario;
+use feeder_scenario::plan::{NodeConfig, PartSimulatorConfig};
 use feeder_sim::camera::TrayShot;
 use feeder_sim::parts::{Part, PartBulk, Place};
 use feeder_wire::pose::planar_isometry;
@@ -55,48 +56,42 @@ pub struct PartSimulator {
 
 impl FeederNode for PartSimulator {
     const NAME: &'static str = nodes::PART_SIMULATOR;
-    type Config = Scenario;
+    type Config = PartSimulatorConfig;
     type Ports = Ports;
 
-    fn namespaces(config: &Scenario) -> Vec<String> {
-        vec![config.namespace()]
+    fn tick(config: &PartSimulatorConfig) -> Duration {
+        Duration::from_millis(config.tick_ms)
     }
 
-    fn tick(config: &Scenario) -> Duration {
-        Duration::from_nanos(config.time.tick_ns())
+    fn check(config: &PartSimulatorConfig) -> Result<(), NodeError> {
+        NodeConfig::check(config).map_err(NodeError::new)
     }
 
-    fn declare(io: &mut Declare, config: &Scenario) -> Ports {
+    fn declare(io: &mut Declare, config: &PartSimulatorConfig) -> Ports {
         Ports {
             motion: io.subscriber(&topics::TRAY_MOTION),
             load: io.server(&services::LOAD_PARTS),
-            picks: config
-                .stations
-                .iter()
-                .filter(|station| config.feeders_of(station).contains(&config.feeder))
-                .map(|station| io.server_in(&config.pick_namespace(&station.name, &config.feeder), &services::PICK))
-                .collect(),
+            picks: config.pick_namespaces.iter().map(|namespace| io.server_in(namespace, &services::PICK)).collect(),
             parts: io.publisher(&topics::PARTS),
             events: io.publisher(&topics::PICKS),
             camera: camera::Ports::declare(io),
         }
     }
 
-    fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
+    fn open(ports: Ports, config: &PartSimulatorConfig) -> Result<Self, NodeError> {
         let seed = seed_for(config.seed, Self::NAME);
-        let part = config.part_type().map_err(NodeError::new)?;
-        let settings = config.bulk_settings(&part).map_err(NodeError::new)?;
+        let part = PartType::new(&config.part).map_err(NodeError::new)?;
         let camera = Camera::open(config, &part)?;
         for hazard in part.hazards() {
             tracing::warn!("{}: likely in bulk, and not modelled: {hazard}", part.name);
         }
-        let mut bulk = config.bulk(part, settings, seed).map_err(NodeError::new)?;
+        let mut bulk = config.parts_in_bulk(part, seed).map_err(NodeError::new)?;
         let wanted = usize::try_from(config.parts_loaded).map_err(NodeError::new)?;
         let outcome = bulk.load(wanted);
         if outcome.refused > 0 {
             tracing::warn!("{} of {wanted} parts found no room on the tray", outcome.refused);
         }
-        let start = config.courier.start;
+        let start = config.tray_start;
         Ok(Self {
             ports,
             bulk,
@@ -105,7 +100,7 @@ impl FeederNode for PartSimulator {
             plateau_height_m: config.tray.plateau_height_m(),
             tray: TrayShot::still(Isometry2::new(start.xy(), start.z)),
             known_until_ns: 0,
-            hopper: (config.delivery.feeding_place.xy(), usize::try_from(config.refill_below).map_err(NodeError::new)?),
+            hopper: (config.hopper_m, usize::try_from(config.refill_below).map_err(NodeError::new)?),
         })
     }
 

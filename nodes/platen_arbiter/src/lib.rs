@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use feeder_control::platen::{Answer, Arbiter, Area, Granted, LeaseId, Refusal, Reservation, Ticket};
 use feeder_runtime::node::{Asker, Declare, FeederNode, NodeError, Publisher, Server, StepIo, stamp_of_ns};
-use feeder_scenario::Scenario;
-use feeder_wire::{PLATEN_NAMESPACE, nodes, services, topics};
+use feeder_scenario::plan::{NodeConfig, PlatenArbiterConfig};
+use feeder_wire::{nodes, services, topics};
 use minifactory_msgs::builtin_interfaces::msg::Time;
 use minifactory_msgs::geometry_msgs::msg::Point;
 use minifactory_msgs::msg::{self, AreaLease, AreaLeases};
@@ -37,18 +37,18 @@ pub struct PlatenArbiter {
 
 impl FeederNode for PlatenArbiter {
     const NAME: &'static str = nodes::PLATEN_ARBITER;
-    type Config = Scenario;
+    type Config = PlatenArbiterConfig;
     type Ports = Ports;
 
-    fn namespaces(config: &Scenario) -> Vec<String> {
-        config.is_arbitrated().then(|| PLATEN_NAMESPACE.to_owned()).into_iter().collect()
+    fn tick(config: &PlatenArbiterConfig) -> Duration {
+        Duration::from_millis(config.tick_ms)
     }
 
-    fn tick(config: &Scenario) -> Duration {
-        Duration::from_nanos(config.time.tick_ns())
+    fn check(config: &PlatenArbiterConfig) -> Result<(), NodeError> {
+        NodeConfig::check(config).map_err(NodeError::new)
     }
 
-    fn declare(io: &mut Declare, _: &Scenario) -> Ports {
+    fn declare(io: &mut Declare, _: &PlatenArbiterConfig) -> Ports {
         Ports {
             reserve: io.server(&services::RESERVE_AREA),
             release: io.server(&services::RELEASE_AREA),
@@ -56,7 +56,7 @@ impl FeederNode for PlatenArbiter {
         }
     }
 
-    fn open(ports: Ports, _: &Scenario) -> Result<Self, NodeError> {
+    fn open(ports: Ports, _: &PlatenArbiterConfig) -> Result<Self, NodeError> {
         Ok(Self { ports, arbiter: Arbiter::default(), tickets: 0, askers: BTreeMap::new(), said: None })
     }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use feeder_model::part::PartType;
 use feeder_runtime::node::{Declare, Publisher, StepIo, Subscriber, ns_of_stamp};
-use feeder_scenario::Scenario;
+use feeder_scenario::plan::RunMonitorConfig;
 use feeder_wire::topics;
 use minifactory_msgs::msg::{
     DeliveryState, FeedMetrics, PartCandidate, PartCandidates, PartStates, PickEvent, RunProgress,
@@ -64,14 +64,14 @@ pub(crate) struct FeederMonitor {
 }
 
 impl FeederMonitor {
-    pub(crate) fn new(ports: Ports, feeder: &str, config: &Scenario, part: &PartType) -> Self {
+    pub(crate) fn new(ports: Ports, feeder: &str, config: &RunMonitorConfig, part: &PartType) -> Self {
         Self {
             ports,
             wanted_pose_names: part.wanted_pose_names().map(str::to_owned).collect(),
             wanted_poses: part.wanted_poses.iter().filter_map(|&pose| u8::try_from(pose).ok()).collect(),
             part_radius_m: part.outline_radius_m(),
             truth: Truth::default(),
-            score: FeedScore::new(config.tray.geometry, part),
+            score: FeedScore::new(config.tray, part),
             metrics_ns: METRICS_NS,
             present: BTreeSet::new(),
             picked: BTreeSet::new(),

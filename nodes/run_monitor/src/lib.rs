@@ -10,8 +10,9 @@ mod truth;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use feeder_model::part::PartType;
 use feeder_runtime::node::{Declare, FeederNode, NodeError, StepIo};
-use feeder_scenario::Scenario;
+use feeder_scenario::plan::{NodeConfig, RunMonitorConfig};
 use feeder_wire::nodes;
 
 pub use feed::Feed;
@@ -39,23 +40,23 @@ pub struct RunMonitor {
 
 impl FeederNode for RunMonitor {
     const NAME: &'static str = nodes::RUN_MONITOR;
-    type Config = Scenario;
+    type Config = RunMonitorConfig;
     type Ports = Ports;
 
-    fn namespaces(config: &Scenario) -> Vec<String> {
-        vec![config.namespace()]
+    fn tick(config: &RunMonitorConfig) -> Duration {
+        Duration::from_millis(config.tick_ms)
     }
 
-    fn tick(config: &Scenario) -> Duration {
-        Duration::from_nanos(config.time.tick_ns())
+    fn check(config: &RunMonitorConfig) -> Result<(), NodeError> {
+        NodeConfig::check(config).map_err(NodeError::new)
     }
 
-    fn declare(io: &mut Declare, config: &Scenario) -> Ports {
-        let feeders = config.feeder_names().map(|name| (name.to_owned(), feeder::Ports::declare(io, name)));
+    fn declare(io: &mut Declare, config: &RunMonitorConfig) -> Ports {
+        let feeders = config.feeders.iter().map(|name| (name.clone(), feeder::Ports::declare(io, name)));
         Ports { feeders: feeders.collect(), platen: platen::Ports::declare(io, config) }
     }
 
-    fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
+    fn open(ports: Ports, config: &RunMonitorConfig) -> Result<Self, NodeError> {
         Self::new(ports, config)
     }
 
@@ -85,21 +86,26 @@ impl FeederNode for RunMonitor {
 }
 
 impl RunMonitor {
-    /// A monitor that also shows its findings in `shown`.
+    /// A monitor that also shows its findings in `shown`, and ends the run when so many parts are delivered.
     ///
     /// # Errors
-    /// If the scenario has no part.
-    pub fn watched(ports: Ports, config: &Scenario, shown: Arc<Mutex<Progress>>) -> Result<Self, NodeError> {
-        Ok(Self { shown: Some(shown), ..Self::new(ports, config)? })
+    /// If the configuration has no part.
+    pub fn watched(
+        ports: Ports,
+        config: &RunMonitorConfig,
+        goal_delivered: Option<u32>,
+        shown: Arc<Mutex<Progress>>,
+    ) -> Result<Self, NodeError> {
+        Ok(Self { shown: Some(shown), goal_delivered, ..Self::new(ports, config)? })
     }
 
-    fn new(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
-        let part = config.part_type().map_err(NodeError::new)?;
+    fn new(ports: Ports, config: &RunMonitorConfig) -> Result<Self, NodeError> {
+        let part = PartType::new(&config.part).map_err(NodeError::new)?;
         let feeders = ports.feeders.into_iter().map(|(name, ports)| FeederMonitor::new(ports, &name, config, &part));
         Ok(Self {
             feeders: feeders.collect(),
             platen: ports.platen.map(|ports| PlatenMonitor::new(ports, config)),
-            goal_delivered: config.run.goal_delivered,
+            goal_delivered: None,
             progress: Progress::default(),
             shown: None,
         })

@@ -2,7 +2,7 @@
 
 use feeder_control::platen::Area;
 use feeder_runtime::node::{Declare, StepIo, Subscriber};
-use feeder_scenario::Scenario;
+use feeder_scenario::plan::RunMonitorConfig;
 use feeder_wire::topics;
 use minifactory_msgs::msg::AreaLeases;
 use minifactory_msgs::nav_msgs::msg::Odometry;
@@ -21,10 +21,11 @@ pub(crate) struct Ports {
 
 impl Ports {
     /// Nothing on a platen that is not shared.
-    pub(crate) fn declare(io: &mut Declare, config: &Scenario) -> Option<Self> {
-        config.is_arbitrated().then(|| Self {
+    pub(crate) fn declare(io: &mut Declare, config: &RunMonitorConfig) -> Option<Self> {
+        config.arbitrated.then(|| Self {
             couriers: config
-                .feeder_names()
+                .feeders
+                .iter()
                 .map(|feeder| io.subscriber_in(&format!("/{feeder}"), &topics::ODOMETRY))
                 .collect(),
             leases: io.subscriber(&topics::LEASES),
@@ -42,13 +43,13 @@ pub(crate) struct PlatenMonitor {
 }
 
 impl PlatenMonitor {
-    pub(crate) fn new(ports: Ports, config: &Scenario) -> Self {
-        let feeders: Vec<String> = config.feeder_names().map(str::to_owned).collect();
+    pub(crate) fn new(ports: Ports, config: &RunMonitorConfig) -> Self {
+        let feeders = config.feeders.clone();
         Self {
             ports,
             places_m: vec![None; feeders.len()],
             feeders,
-            footprint_radius_m: config.delivery.footprint_radius_m,
+            footprint_radius_m: config.footprint_radius_m,
             leases: None,
         }
     }

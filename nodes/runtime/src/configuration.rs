@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
-use std::str::FromStr;
 
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use serde_json::Value as Json;
 
 use crate::args::GivenValue;
@@ -29,12 +29,17 @@ pub(crate) enum GivenError {
 pub(crate) struct Configuration<C> {
     pub(crate) config: C,
     pub(crate) store: Store,
+    pub(crate) check: Check<C>,
 }
 
-impl<C: Serialize + FromStr<Err: Display> + Clone> Configuration<C> {
-    /// `config` with the values given at the start. `own` are parameters beside it.
+/// Says what is wrong with a configuration.
+pub(crate) type Check<C> = fn(&C) -> Result<(), NodeError>;
+
+impl<C: Serialize + DeserializeOwned + Clone> Configuration<C> {
+    /// `config` with the values given at the start, if that passes `check`. `own` are parameters beside it.
     pub(crate) fn new(
         config: &C,
+        check: Check<C>,
         settable: &[Settable],
         own: Vec<Declaration>,
         given: &BTreeMap<String, GivenValue>,
@@ -59,21 +64,23 @@ impl<C: Serialize + FromStr<Err: Display> + Clone> Configuration<C> {
             let value = store.get(name).cloned().filter(|_| !own_names.contains(name));
             changes.extend(value.filter(|value| before.as_ref() != Some(value)).map(|value| (name.clone(), value)));
         }
-        let config = changed(config, &changes).map_err(|reason| blame(config, &changes, given, reason))?;
-        Ok(Self { config, store })
+        let config =
+            changed(config, check, &changes).map_err(|reason| blame(config, check, &changes, given, reason))?;
+        Ok(Self { config, store, check })
     }
 }
 
 /// Who gave the value that a configuration refuses: one parameter, or several that do not go together.
-fn blame<C: Serialize + FromStr<Err: Display> + Clone>(
+fn blame<C: Serialize + DeserializeOwned + Clone>(
     config: &C,
+    check: Check<C>,
     changes: &[(String, Value)],
     given: &BTreeMap<String, GivenValue>,
     reason: String,
 ) -> NodeError {
     let given_by = |name: &String| given.get(name).map(|given| given.source.to_string()).unwrap_or_default();
     for change in changes {
-        if let Err(reason) = changed(config, std::slice::from_ref(change)) {
+        if let Err(reason) = changed(config, check, std::slice::from_ref(change)) {
             let (name, value) = change.clone();
             return NodeError::new(GivenError::Refused { given_by: given_by(&name), name, value, reason });
         }
@@ -87,8 +94,9 @@ fn blame<C: Serialize + FromStr<Err: Display> + Clone>(
 ///
 /// # Errors
 /// Why not, as the configuration says it.
-pub(crate) fn changed<C: Serialize + FromStr<Err: Display> + Clone>(
+pub(crate) fn changed<C: Serialize + DeserializeOwned + Clone>(
     config: &C,
+    check: Check<C>,
     changes: &[(String, Value)],
 ) -> Result<C, String> {
     if changes.is_empty() {
@@ -99,8 +107,9 @@ pub(crate) fn changed<C: Serialize + FromStr<Err: Display> + Clone>(
         let leaf = leaf(&mut tree, name).ok_or_else(|| format!("{name} is not part of the configuration"))?;
         *leaf = json(value).ok_or_else(|| format!("{name} = {value} is not finite"))?;
     }
-    // YAML, which configurations are read from, includes JSON.
-    tree.to_string().parse().map_err(|error: C::Err| error.to_string())
+    let config = C::deserialize(tree).map_err(|error| error.to_string())?;
+    check(&config).map_err(|error| error.to_string())?;
+    Ok(config)
 }
 
 /// The value of a parameter in the tree.
@@ -194,14 +203,10 @@ mod tests {
         name: String,
     }
 
-    impl FromStr for Config {
-        type Err = String;
-
-        fn from_str(yaml: &str) -> Result<Self, String> {
-            let config: Self = serde_saphyr::from_str(yaml).map_err(|error| error.to_string())?;
-            let Limits { low_m, high_m } = config.limits;
-            if low_m < high_m { Ok(config) } else { Err(format!("low_m = {low_m} is not below high_m = {high_m}")) }
-        }
+    fn check(config: &Config) -> Result<(), NodeError> {
+        let Limits { low_m, high_m } = config.limits;
+        let problem = || NodeError::new(format!("low_m = {low_m} is not below high_m = {high_m}"));
+        if low_m < high_m { Ok(()) } else { Err(problem()) }
     }
 
     fn config() -> Config {
@@ -229,12 +234,12 @@ mod tests {
             ((*name).to_owned(), given)
         });
         let own = vec![Declaration::new("use_sim_time", Value::Bool(false), "").read_only()];
-        Configuration::new(&config(), SETTABLE, own, &given.collect()).map_err(|error| error.to_string())
+        Configuration::new(&config(), check, SETTABLE, own, &given.collect()).map_err(|error| error.to_string())
     }
 
     #[test]
     fn a_configuration_becomes_dotted_parameters() {
-        let Configuration { store, config: same } = configured(&[]).unwrap();
+        let Configuration { store, config: same, .. } = configured(&[]).unwrap();
         assert_eq!(same, config());
         assert_eq!(store.get("name"), Some(&Value::Text("feeder: 1".into())));
         assert_eq!(store.get("count"), Some(&Value::Integer(3)));
@@ -258,7 +263,7 @@ mod tests {
             ("stations.0.name", Value::Text("c".into())),
             ("use_sim_time", Value::Bool(true)),
         ];
-        let Configuration { store, config: taken } = configured(&given).unwrap();
+        let Configuration { store, config: taken, .. } = configured(&given).unwrap();
         let mut expected = config();
         expected.count = 7;
         expected.faces.clear();
@@ -293,11 +298,11 @@ mod tests {
     }
 
     proptest! {
-        /// Numbers go through text on their way into the configuration, and must not change.
+        /// Numbers must not change on their way into the configuration.
         #[test]
         fn numbers_arrive_as_they_were(low_m in -1e300..1e300_f64, count in any::<u32>()) {
             let changes = [("limits.low_m".to_owned(), Value::Double(low_m)), ("limits.high_m".to_owned(), Value::Double(f64::MAX)), ("count".to_owned(), Value::Integer(count.into()))];
-            let taken = changed(&config(), &changes).unwrap();
+            let taken = changed(&config(), check, &changes).unwrap();
             prop_assert_eq!(taken.limits.low_m.to_bits(), low_m.to_bits());
             prop_assert_eq!(taken.count, count);
         }

@@ -1,6 +1,5 @@
 //! What every node offers beside its own ports: `/rosout`, `/diagnostics`, parameters, and descriptions of its types.
 
-use std::str::FromStr;
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
@@ -8,6 +7,7 @@ use minifactory_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, 
 use minifactory_msgs::interface::standard::DIAGNOSTICS;
 use minifactory_msgs::std_msgs::msg::Header;
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 use crate::args::LogLevel;
 use crate::clock::Clock;
@@ -105,11 +105,11 @@ pub(crate) fn reconfiguring<C>(
     sender: Sender<C>,
 ) -> impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static
 where
-    C: Serialize + FromStr<Err: std::fmt::Display> + Clone + Send + 'static,
+    C: Serialize + DeserializeOwned + Clone + Send + 'static,
 {
-    let mut config = configuration.config.clone();
+    let (mut config, check) = (configuration.config.clone(), configuration.check);
     move |changes: &[(String, Value)]| {
-        config = changed(&config, changes)?;
+        config = changed(&config, check, changes)?;
         sender.send(config.clone()).map_err(|_| "the node is about to leave".to_owned())
     }
 }

@@ -1,7 +1,7 @@
 //! Starts nodes: in a loop, against the wall clock, or on what a run recorded; from a table of all nodes, or from a node's own executable.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::channel;
@@ -98,7 +98,7 @@ pub fn run_opened<N: FeederNode>(
         let now_ns = Arc::clone(&now_ns);
         move || stamp_of_ns(now_ns.load(Ordering::Relaxed))
     });
-    let configuration = Configuration::new(config, N::settable(), own_parameters(true), &BTreeMap::new());
+    let configuration = Configuration::new(config, N::check, N::settable(), own_parameters(true), &BTreeMap::new());
     let configuration = configuration.map_err(RunError::Node)?;
     let (reconfigure, reconfigured) = channel();
     let accept = reconfiguring(&configuration, reconfigure);
@@ -200,7 +200,8 @@ pub fn run_remapped<N: FeederNode>(
     stop: &AtomicBool,
 ) -> Result<(), RunError> {
     let name = ros.node_name(&NodeName::new(namespace, N::NAME)?)?;
-    let configuration = Configuration::new(config, N::settable(), own_parameters(false), &ros.parameters(&name));
+    let given = ros.parameters(&name);
+    let configuration = Configuration::new(config, N::check, N::settable(), own_parameters(false), &given);
     let configuration = configuration.map_err(RunError::Node)?;
     apply_own(&configuration.store).map_err(RunError::Node)?;
     let config = configuration.config.clone();
@@ -227,14 +228,4 @@ pub fn run_remapped<N: FeederNode>(
     let _housekeeping = Housekeeping::open(&participant, configuration.store, &time.clock(), accept)?;
     let tick = N::tick(&config);
     wall_clock::run(&participant, node, &interface, &Pace { time, tick, stop }, &reconfigured)
-}
-
-/// Reads a configuration: the file's, or the built-in one.
-///
-/// # Errors
-/// [`NodeError`] naming the file and what is wrong in it.
-pub fn read_config<N: FeederNode>(file: Option<&Path>) -> Result<N::Config, NodeError> {
-    let Some(file) = file else { return Ok(N::Config::default()) };
-    let text = std::fs::read_to_string(file).map_err(|error| NodeError::new(format!("{}: {error}", file.display())))?;
-    text.parse().map_err(|error| NodeError::new(format!("{}: {error}", file.display())))
 }

@@ -1,7 +1,7 @@
 //! The command line of a node's own executable, and of `feeder node NAME`.
 
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -10,7 +10,7 @@ use clap::Parser;
 
 use crate::args::RosArgs;
 use crate::dds::{Domain, NodeName};
-use crate::launch::{Seat, read_config, run_in_loop, run_remapped};
+use crate::launch::{Seat, run_in_loop, run_remapped};
 use crate::lockstep::{LoopContract, RunError};
 use crate::logging::{LogSettings, start_logging};
 use crate::node::{FeederNode, NodeError};
@@ -18,10 +18,10 @@ use crate::node::{FeederNode, NodeError};
 /// Options of a node.
 #[derive(Debug, Parser)]
 struct Options {
-    /// Scenario file (YAML); without it the built-in scenario holds
+    /// Scenario, or plan that `feeder up` wrote (YAML); without it the built-in scenario holds
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Namespace, instead of the first one the scenario asks for
+    /// Which of the run's nodes of this kind to be, by its namespace, instead of the first
     #[arg(long)]
     namespace: Option<String>,
     /// Take part in the simulated run of this contract (JSON), as `feeder up` writes it; without it the node keeps to
@@ -36,15 +36,22 @@ struct Options {
     record_to: Option<PathBuf>,
 }
 
-/// The whole `main` of the executable of node `N`.
+/// Finds a node's configuration and the namespace it lives in: in the file given, or where it is found without one, and
+/// for the namespace given, or the first.
+pub type Load<C, E> = fn(Option<&Path>, Option<&str>) -> Result<(String, C), E>;
+
+/// The whole `main` of the executable of node `N`, which `load` configures.
 #[must_use]
-pub fn main<N: FeederNode>() -> ExitCode {
-    main_with::<N>(std::env::args_os().skip(1).collect())
+pub fn main<N: FeederNode, E: std::error::Error + Send + Sync + 'static>(load: Load<N::Config, E>) -> ExitCode {
+    main_with::<N, E>(load, std::env::args_os().skip(1).collect())
 }
 
 /// Runs node `N` with these arguments, the program's name left out.
 #[must_use]
-pub fn main_with<N: FeederNode>(arguments: Vec<OsString>) -> ExitCode {
+pub fn main_with<N: FeederNode, E: std::error::Error + Send + Sync + 'static>(
+    load: Load<N::Config, E>,
+    arguments: Vec<OsString>,
+) -> ExitCode {
     let words = arguments.into_iter().map(|argument| argument.to_string_lossy().into_owned());
     let ros = match RosArgs::parse(words) {
         Ok(ros) => ros,
@@ -62,7 +69,9 @@ pub fn main_with<N: FeederNode>(arguments: Vec<OsString>) -> ExitCode {
             return if error.use_stderr() { ExitCode::FAILURE } else { ExitCode::SUCCESS };
         }
     };
-    match run::<N>(options, &ros) {
+    // The node's log level may be given by its name, which its namespace belongs to, which may not be found.
+    let found = load(options.config.as_deref(), options.namespace.as_deref()).map_err(NodeError::new);
+    match run::<N>(found, options, &ros) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             tracing::error!("{}: {error}", N::NAME);
@@ -71,23 +80,17 @@ pub fn main_with<N: FeederNode>(arguments: Vec<OsString>) -> ExitCode {
     }
 }
 
-fn run<N: FeederNode>(options: Options, ros: &RosArgs) -> Result<(), RunError> {
-    let namespace_of = |config: &N::Config| match &options.namespace {
-        Some(namespace) => Ok(namespace.clone()),
-        None => N::namespaces(config)
-            .into_iter()
-            .next()
-            .ok_or_else(|| NodeError::new(format!("the scenario asks for no {}", N::NAME))),
-    };
-    // The node's log level may be given by its name, which the configuration says, which may be wrong.
-    let config = read_config::<N>(options.config.as_deref());
-    let named = config.and_then(|config| namespace_of(&config).map(|namespace| (config, namespace)));
-    let level = named.as_ref().ok().and_then(|(_, namespace)| {
+fn run<N: FeederNode>(
+    found: Result<(String, N::Config), NodeError>,
+    options: Options,
+    ros: &RosArgs,
+) -> Result<(), RunError> {
+    let level = found.as_ref().ok().and_then(|(namespace, _)| {
         let name = NodeName::new(namespace, N::NAME).and_then(|name| ros.node_name(&name)).ok()?;
         ros.log_level_of(&name)
     });
     start_logging(LogSettings { level: level.or(ros.log_level), no_stdout: ros.no_stdout, no_rosout: ros.no_rosout });
-    let (config, namespace) = named.map_err(RunError::Node)?;
+    let (namespace, config) = found.map_err(RunError::Node)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, Arc::clone(&stop))
@@ -98,8 +101,7 @@ fn run<N: FeederNode>(options: Options, ros: &RosArgs) -> Result<(), RunError> {
         return run_remapped::<N>(&domain, &namespace, ros, &config, &stop);
     };
     if ros.changes_anything() {
-        let reason =
-            "in a run of feeder up names and parameters are the scenario's: no --remap, --param, --params-file";
+        let reason = "in a run of feeder up names and parameters are the plan's: no --remap, --param, --params-file";
         return Err(RunError::Node(NodeError::new(reason)));
     }
     let seat = Seat {

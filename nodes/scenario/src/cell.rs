@@ -113,7 +113,7 @@ impl Scenario {
     }
 
     /// Stations whose tool axis the feeder's camera sees at the height of the plateau, with the part about it.
-    pub(super) fn rechecked_stations(&self, part: &PartType) -> BTreeSet<String> {
+    pub(crate) fn rechecked_stations(&self, part: &PartType) -> BTreeSet<String> {
         let model = &self.camera.model;
         let (width_px, height_px) = (f64::from(model.width_px()), f64::from(model.height_px()));
         let is_seen = |x_m: f64, y_m: f64| {
@@ -131,7 +131,7 @@ impl Scenario {
 
     /// Where the other feeders park, and what is beside: areas of trips are wider than the courier by the corners it may
     /// cut, and must not touch those places.
-    pub(super) fn parked_areas(&self) -> impl Iterator<Item = Area> {
+    pub(crate) fn parked_areas(&self) -> impl Iterator<Item = Area> {
         let radius_m = self.delivery.footprint_radius_m + self.delivery.corner_m + DeliverySequencer::TRACKING_M;
         self.further_feeders.iter().map(move |further| Area::disc(Vector2::new(further.x_m, further.y_m), radius_m))
     }

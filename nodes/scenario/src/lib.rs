@@ -5,6 +5,7 @@ mod cell;
 mod loading;
 mod motor;
 mod placed;
+pub mod plan;
 mod source;
 mod waveform;
 
@@ -22,7 +23,7 @@ use feeder_model::camera::{CameraModel, MountedTray};
 use feeder_model::part::PartType;
 use feeder_model::range::OutOfRange;
 use feeder_model::waveform::Waveform;
-use feeder_sim::camera::{LightModel, PartSolid, Scene, SensorModel, TrayAppearance};
+use feeder_sim::camera::{LightModel, Scene, SensorModel, TrayAppearance};
 use feeder_sim::parts::BulkSettings;
 use feeder_vision::{PartModel, Selector, SelectorConfig};
 pub use motor::{MotorSource, SimulatedCourier, SimulatedDriver, assumed_motor};
@@ -116,6 +117,15 @@ pub struct RunSection {
     pub goal_delivered: Option<u32>,
 }
 
+impl RunSection {
+    pub(crate) fn check(&self) -> Result<(), ScenarioError> {
+        let in_range = self.duration_s > 0.0 && self.duration_s <= DURATION_S_MAX;
+        let allowed = format_args!("above 0, at most {DURATION_S_MAX}");
+        OutOfRange::unless(in_range, "duration_s", self.duration_s, allowed).map_err(|error| invalid("run", &error))?;
+        Ok(())
+    }
+}
+
 /// Ticks of simulated time, and how late one node hears another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -141,6 +151,14 @@ impl TimeSection {
     #[must_use]
     pub fn tick_ns(&self) -> u64 {
         self.tick_ms * 1_000_000
+    }
+
+    pub(crate) fn check(&self) -> Result<(), ScenarioError> {
+        plan::check_tick(self.tick_ms)?;
+        check_count("time", "forward_delay_ticks", self.forward_delay_ticks, 1, 20)?;
+        check_count("time", "feedback_delay_ticks", self.feedback_delay_ticks, 1, 40)?;
+        let largest = self.forward_delay_ticks.max(self.feedback_delay_ticks);
+        check_count("time", "window_ticks", self.window_ticks, 4, 56 - largest)
     }
 
     /// Length of a tick, s.
@@ -303,47 +321,13 @@ impl Scenario {
     /// What the camera sees.
     #[must_use]
     pub fn scene(&self, part: &PartType) -> Scene {
-        Scene {
-            camera: self.camera.model.clone(),
-            tray: self.tray,
-            tray_appearance: self.camera.tray,
-            part: PartSolid::new(part.mesh.clone(), &part.poses),
-            light: self.camera.light,
-            sensor: self.camera.sensor,
-        }
-    }
-
-    /// The delivery planner's parameters, with the stations and the keep-out areas of this scenario.
-    #[must_use]
-    pub fn delivery(&self, part: &PartType) -> DeliveryConfig {
-        let stations_m = self.stations.iter().map(|station| (station.name.clone(), [station.x_m, station.y_m].into()));
-        DeliveryConfig {
-            stations_m: stations_m.collect(),
-            rechecked_stations: self.rechecked_stations(part),
-            arbitrated: self.is_arbitrated(),
-            keep_out: self.platen.keep_out.iter().cloned().chain(self.parked_areas()).collect(),
-            ..self.delivery.clone()
-        }
+        self.simulated_camera().scene(self.tray, part)
     }
 
     /// The selector's parameters, with the wanted poses of the part.
     #[must_use]
     pub fn selector(&self, part: &PartType) -> SelectorConfig {
         SelectorConfig { wanted_poses: part.wanted_poses.clone(), ..self.selector.clone() }
-    }
-
-    /// A selector that knows the part.
-    ///
-    /// # Errors
-    /// A part that was never taught, or values that do not go together.
-    pub fn taught_selector(&self) -> Result<Selector, ScenarioError> {
-        let Some(Source::Here(model)) = &self.part_model else {
-            let problem =
-                "missing: print what `feeder teach --scenario FILE` teaches to a file, and name that".to_owned();
-            return Err(ScenarioError::Invalid { section: "part_model", problem });
-        };
-        Selector::new(self.selector(&self.part_type()?), &self.camera.model, &self.tray, model)
-            .map_err(|error| invalid("selector", &error))
     }
 
     /// Namespace of the feeder's nodes.
@@ -361,50 +345,33 @@ impl Scenario {
         self.validate_waveform()?;
         let part = self.part_type()?;
         let bulk = self.bulk_settings(&part)?;
-        self.bulk(part.clone(), bulk, self.seed)?;
+        placed::bulk_with(&self.parts_placed, self.tray.geometry, part.clone(), bulk, self.seed)?;
         self.validate_camera(&part)?;
         if let Some(Source::Here(model)) = &self.part_model {
             check_taught(model, &part)?;
             Selector::check(&self.selector(&part), &self.camera.model, &self.tray, model)
                 .map_err(|error| invalid("selector", &error))?;
         }
-        self.delivery(&part).validate().map_err(|error| invalid("delivery", &error))?;
+        self.delivery.validate().map_err(|error| invalid("delivery", &error))?;
         self.validate_stations()?;
         self.validate_cell(&part)
     }
 
     fn validate_time(&self) -> Result<(), ScenarioError> {
-        let duration_s = self.run.duration_s;
-        let in_range = duration_s > 0.0 && duration_s <= DURATION_S_MAX;
-        OutOfRange::unless(in_range, "duration_s", duration_s, format_args!("above 0, at most {DURATION_S_MAX}"))
-            .map_err(|error| invalid("run", &error))?;
-        let time = self.time;
-        check_count("time", "tick_ms", time.tick_ms, 1, 100)?;
-        check_count("time", "forward_delay_ticks", time.forward_delay_ticks, 1, 20)?;
-        check_count("time", "feedback_delay_ticks", time.feedback_delay_ticks, 1, 40)?;
-        let largest = time.forward_delay_ticks.max(time.feedback_delay_ticks);
-        check_count("time", "window_ticks", time.window_ticks, 4, 56 - largest)?;
+        self.run.check()?;
+        self.time.check()?;
         let servo_ticks = self.time.tick_s() / self.courier.servo_period_s;
         if (servo_ticks - servo_ticks.round()).abs() > 1e-9 {
-            let problem = format!("tick_ms = {} holds no whole number of courier.servo_period_s", time.tick_ms);
+            let problem = format!("tick_ms = {} holds no whole number of courier.servo_period_s", self.time.tick_ms);
             return Err(ScenarioError::Invalid { section: "time", problem });
         }
         Ok(())
     }
 
-    /// The courier's driver with the simulated motor, whose sensor noise is drawn from `seed`.
-    ///
-    /// # Errors
-    /// A motor of an unknown name, or a value out of its range.
-    pub fn simulated_driver(&self, seed: u64) -> Result<SimulatedDriver, ScenarioError> {
-        let motor = self.world.motor.parameters().map_err(|problem| invalid("world", &problem))?;
-        motor.validate().map_err(|error| invalid("world", &error))?;
-        SimulatedCourier { config: self.courier, motor }.driver(seed).map_err(|error| invalid("courier", &error))
-    }
-
     fn validate_waveform(&self) -> Result<(), ScenarioError> {
         let waveform = self.waveform()?;
-        self.simulated_driver(self.seed)?;
+        let motor = self.world.motor.parameters().map_err(|problem| invalid("world", &problem))?;
+        motor.validate().map_err(|error| invalid("world", &error))?;
         self.courier.check_waveform(&waveform).map_err(|error| invalid("waveform", &error))
     }
 

@@ -1,10 +1,11 @@
 //! Parts at stated places, for runs that must begin with just these.
 
 use feeder_model::part::PartType;
+use feeder_model::tray::TrayGeometry;
 use feeder_sim::parts::{BulkSettings, PartBulk};
 use serde::{Deserialize, Serialize};
 
-use super::{Scenario, ScenarioError, invalid};
+use super::{ScenarioError, invalid};
 
 /// A part that lies at a stated place at the start.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,23 +21,27 @@ pub struct PlacedPart {
     pub yaw_rad: f64,
 }
 
-impl Scenario {
-    /// The parts in bulk, with those placed.
-    ///
-    /// # Errors
-    /// Settings out of range, a part placed in a pose it does not have, or where there is no room for it.
-    pub fn bulk(&self, part: PartType, settings: BulkSettings, seed: u64) -> Result<PartBulk, ScenarioError> {
-        let poses: Vec<String> = part.poses.iter().map(|pose| pose.name.clone()).collect();
-        let bulk = PartBulk::new(self.tray.geometry, part, settings, seed);
-        let mut bulk = bulk.map_err(|error| invalid("bulk", &error))?;
-        for placed in &self.parts_placed {
-            let Some(pose) = poses.iter().position(|pose| *pose == placed.pose) else {
-                let problem = format!("pose = {:?}, allowed are {poses:?}", placed.pose);
-                return Err(ScenarioError::Invalid { section: "parts_placed", problem });
-            };
-            bulk.put(placed.radius_m, placed.angle_rad, placed.yaw_rad, pose)
-                .map_err(|error| invalid("parts_placed", &error))?;
-        }
-        Ok(bulk)
+/// The parts in bulk, with those placed.
+///
+/// # Errors
+/// Settings out of range, a part placed in a pose it does not have, or where there is no room for it.
+pub(crate) fn bulk_with(
+    placed: &[PlacedPart],
+    tray: TrayGeometry,
+    part: PartType,
+    settings: BulkSettings,
+    seed: u64,
+) -> Result<PartBulk, ScenarioError> {
+    let poses: Vec<String> = part.poses.iter().map(|pose| pose.name.clone()).collect();
+    let bulk = PartBulk::new(tray, part, settings, seed);
+    let mut bulk = bulk.map_err(|error| invalid("bulk", &error))?;
+    for placed in placed {
+        let Some(pose) = poses.iter().position(|pose| *pose == placed.pose) else {
+            let problem = format!("pose = {:?}, allowed are {poses:?}", placed.pose);
+            return Err(ScenarioError::Invalid { section: "parts_placed", problem });
+        };
+        bulk.put(placed.radius_m, placed.angle_rad, placed.yaw_rad, pose)
+            .map_err(|error| invalid("parts_placed", &error))?;
     }
+    Ok(bulk)
 }

@@ -6,6 +6,7 @@ use std::hint::black_box;
 use criterion::{Criterion, criterion_group, criterion_main};
 use feeder_model::tray::TrayGeometry;
 use feeder_scenario::Scenario;
+use feeder_scenario::plan::VisionSelectorConfig;
 use feeder_sim::camera::{PartView, Renderer, TrayShot, codec};
 use image::GrayImage;
 use nalgebra::Isometry2;
@@ -53,10 +54,12 @@ fn vision(criterion: &mut Criterion) {
     criterion.bench_function("decode", |bencher| {
         bencher.iter(|| feeder_vision::decode(black_box(&bytes)));
     });
+    let plan = scenario.plan().expect("the built-in scenario can run");
+    let (_, taught) = plan.of_kind::<VisionSelectorConfig>().next().expect("it has a selector");
     for count in [5, 20, 50] {
         let parts = parts(count, std::f64::consts::PI);
         renderer.render(&shot, &parts, &mut noise, &mut image).expect("the parts are sound");
-        let mut selector = scenario.taught_selector().expect("the part was taught");
+        let mut selector = taught.selector().expect("the part was taught");
         criterion.bench_function(&format!("select_{count}_plateau_parts"), |bencher| {
             bencher.iter(|| selector.process(black_box(0.1), &image, &pose));
         });

@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, Settable, StepIo, Subscriber, ns_of_stamp};
 use feeder_runtime::parameters::Range;
-use feeder_scenario::Scenario;
+use feeder_scenario::plan::{NodeConfig, VisionSelectorConfig};
 use feeder_vision::{ImageFault, Selector, TrackedCandidate, draw_overlay};
 use feeder_wire::part_candidates::{self, SeenPart};
 use feeder_wire::pose::{planar_isometry, planar_pose};
@@ -67,18 +67,18 @@ struct Names {
 
 impl FeederNode for VisionSelector {
     const NAME: &'static str = nodes::VISION_SELECTOR;
-    type Config = Scenario;
+    type Config = VisionSelectorConfig;
     type Ports = Ports;
 
-    fn namespaces(config: &Scenario) -> Vec<String> {
-        vec![config.namespace()]
+    fn tick(config: &VisionSelectorConfig) -> Duration {
+        Duration::from_millis(config.tick_ms)
     }
 
-    fn tick(config: &Scenario) -> Duration {
-        Duration::from_nanos(config.time.tick_ns())
+    fn check(config: &VisionSelectorConfig) -> Result<(), NodeError> {
+        NodeConfig::check(config).map_err(NodeError::new)
     }
 
-    fn declare(io: &mut Declare, _: &Scenario) -> Ports {
+    fn declare(io: &mut Declare, _: &VisionSelectorConfig) -> Ports {
         Ports {
             image: io.subscriber(&topics::IMAGE_COMPRESSED),
             odometry: io.subscriber(&topics::ODOMETRY),
@@ -88,15 +88,14 @@ impl FeederNode for VisionSelector {
         }
     }
 
-    fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
-        let part = config.part_type().map_err(NodeError::new)?;
+    fn open(ports: Ports, config: &VisionSelectorConfig) -> Result<Self, NodeError> {
         let names = Names {
-            poses: part.poses.iter().map(|pose| pose.name.clone()).collect(),
-            part: part.name,
+            poses: config.poses.clone(),
+            part: config.part_class.clone(),
             tray_frame: format!("{}/tray", config.feeder),
         };
-        let selector = config.taught_selector().map_err(NodeError::new)?;
-        let period_ticks = config.camera.period_ms / config.time.tick_ms;
+        let selector = config.selector().map_err(NodeError::new)?;
+        let period_ticks = config.camera_period_ms / config.tick_ms;
         Ok(Self {
             ports,
             sight: Sight { selector, poses: VecDeque::new() },
@@ -123,8 +122,8 @@ impl FeederNode for VisionSelector {
     }
 
     /// Tracks begin anew: what was seen was judged by the old thresholds.
-    fn reconfigure(&mut self, config: &Scenario) {
-        match config.taught_selector() {
+    fn reconfigure(&mut self, config: &VisionSelectorConfig) {
+        match config.selector() {
             Ok(selector) => self.sight.selector = selector,
             Err(error) => tracing::error!("the selector stays as it is: {error}"),
         }
@@ -295,6 +294,7 @@ impl Names {
 mod tests {
     use feeder_model::seed::generator;
     use feeder_runtime::node::stamp_of_ns;
+    use feeder_scenario::Scenario;
     use feeder_sim::camera::codec;
     use feeder_sim::camera::{PartView, Renderer, TrayShot};
     use minifactory_msgs::msg::PartCandidate;
@@ -306,9 +306,11 @@ mod tests {
     /// A sight with the tray under the camera in the frames looked at, and the compressed picture of a part on the plateau.
     fn sight() -> (Sight, Vec<u8>) {
         let scenario = Scenario::default();
+        let plan = scenario.plan().unwrap();
+        let (_, config) = plan.of_kind::<VisionSelectorConfig>().next().unwrap();
         let place = scenario.delivery.feeding_place;
         let platen_from_tray = Isometry2::new(place.xy(), place.z);
-        let mut sight = Sight { selector: scenario.taught_selector().unwrap(), poses: VecDeque::new() };
+        let mut sight = Sight { selector: config.selector().unwrap(), poses: VecDeque::new() };
         (1..=8).for_each(|frame| sight.stand(frame * FRAME_NS, platen_from_tray));
         let part = scenario.part_type().unwrap();
         let scene = scenario.scene(&part);

@@ -8,7 +8,7 @@ use std::time::Duration;
 use feeder_control::courier::CourierConfig;
 use feeder_model::waveform::Waveform;
 use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, Server, StepIo, Subscriber};
-use feeder_scenario::Scenario;
+use feeder_scenario::plan::{NodeConfig, WaveformGeneratorConfig};
 use feeder_wire::{nodes, services, topics};
 use minifactory_msgs::msg;
 use minifactory_msgs::srv::{SetWaveform, SetWaveformResponse};
@@ -47,18 +47,18 @@ pub struct WaveformGenerator {
 
 impl FeederNode for WaveformGenerator {
     const NAME: &'static str = nodes::WAVEFORM_GENERATOR;
-    type Config = Scenario;
+    type Config = WaveformGeneratorConfig;
     type Ports = Ports;
 
-    fn namespaces(config: &Scenario) -> Vec<String> {
-        vec![config.namespace()]
+    fn tick(config: &WaveformGeneratorConfig) -> Duration {
+        Duration::from_millis(config.tick_ms)
     }
 
-    fn tick(config: &Scenario) -> Duration {
-        Duration::from_nanos(config.time.tick_ns())
+    fn check(config: &WaveformGeneratorConfig) -> Result<(), NodeError> {
+        NodeConfig::check(config).map_err(NodeError::new)
     }
 
-    fn declare(io: &mut Declare, _: &Scenario) -> Ports {
+    fn declare(io: &mut Declare, _: &WaveformGeneratorConfig) -> Ports {
         Ports {
             waveform: io.publisher(&topics::WAVEFORM),
             courier_state: io.subscriber(&topics::COURIER_STATE),
@@ -67,15 +67,13 @@ impl FeederNode for WaveformGenerator {
         }
     }
 
-    fn open(ports: Ports, config: &Scenario) -> Result<Self, NodeError> {
-        let waveform = config.waveform().map_err(NodeError::new)?;
-        config.courier.check_waveform(&waveform).map_err(NodeError::new)?;
-        let name = config.waveform.name().to_owned();
+    fn open(ports: Ports, config: &WaveformGeneratorConfig) -> Result<Self, NodeError> {
+        config.courier.check_waveform(&config.waveform).map_err(NodeError::new)?;
         Ok(Self {
             ports,
             courier: config.courier,
-            name,
-            waveform,
+            name: config.name.clone(),
+            waveform: config.waveform.clone(),
             enabled: false,
             sequence: 0,
             acknowledged: 0,

@@ -1,5 +1,5 @@
 //! The executable of the node.
 
 fn main() -> std::process::ExitCode {
-    feeder_runtime::main::<waveform_generator::WaveformGenerator>()
+    feeder_runtime::main::<waveform_generator::WaveformGenerator, _>(feeder_scenario::plan::load_node)
 }

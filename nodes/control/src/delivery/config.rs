@@ -29,7 +29,8 @@ pub enum Policy {
 pub struct DeliveryConfig {
     /// Where the courier feeds and the camera sees the plateau: x, y (m) and yaw (rad) on the platen.
     pub feeding_place: Vector3<f64>,
-    /// Where each station's tool axis meets the platen's plane, by the station's name, m.
+    /// Where each station's tool axis meets the platen's plane, by the station's name, m; the scenario's.
+    #[serde(skip)]
     pub stations_m: BTreeMap<String, Vector2<f64>>,
     /// Stations that the feeder's camera sees: parts are looked at again there.
     #[serde(skip)]

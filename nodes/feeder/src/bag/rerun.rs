@@ -12,10 +12,10 @@ use feeder_bags::diff::{DiffSettings, diff};
 use feeder_bags::{Bag, BagError, BagWriter, NewTopic, Query, Selection, WriteSettings};
 use feeder_runtime::launch::Recorded;
 use feeder_runtime::lockstep::LoopContract;
-use feeder_scenario::Scenario;
+use feeder_scenario::plan::{PlannedNode, RunPlan};
 
-use crate::recording::{RUN, RUN_END, RecordOptions, SCENARIO, TICKS};
-use crate::table::{NODES, Placed, placed};
+use crate::recording::{PLAN, RUN_END, RecordOptions, TICKS};
+use crate::table::{NODES, NodeEntry, name_of, placed};
 use crate::up::{self, UpArgs};
 
 /// Run a recorded scenario again and compare; exit code 0 when the same comes out
@@ -39,7 +39,7 @@ pub(crate) struct RerunArgs {
 
 /// What a bag says of the run that it holds.
 struct Run {
-    scenario: Scenario,
+    plan: RunPlan,
     /// Ticks that the bag holds completely.
     ticks: u64,
     /// Whether the bag is cut off: what lies behind those ticks is not whole.
@@ -55,7 +55,7 @@ pub(crate) fn run(args: &RerunArgs) -> anyhow::Result<ExitCode> {
     let folder = args.keep.clone().unwrap_or_else(|| work.path().join("rerun"));
     let selection = match &args.only {
         None => {
-            run_all(args, &bag, &run, work.path(), &folder)?;
+            run_all(args, &bag, &run, &folder)?;
             Selection { hidden: true, ..Selection::default() }
         }
         Some(node) => Selection::of(run_one(node, &bag, &run, &folder)?),
@@ -70,17 +70,16 @@ pub(crate) fn run(args: &RerunArgs) -> anyhow::Result<ExitCode> {
 }
 
 fn recorded_run(bag: &Bag) -> anyhow::Result<Run> {
-    let scenario = bag.attachment(SCENARIO)?.with_context(|| {
-        format!("{} holds no scenario: only a bag of feeder up --record can be run again", bag.path().display())
+    let plan = bag.attachment(PLAN)?.with_context(|| {
+        format!("{} holds no plan of a run: only a bag of feeder up --record can be run again", bag.path().display())
     })?;
-    let scenario = String::from_utf8(scenario).with_context(|| format!("{SCENARIO} in the bag"))?;
-    let scenario: Scenario = scenario.parse().with_context(|| format!("{SCENARIO} in the bag"))?;
-    if let Some(version) = bag.records(RUN).find_map(|facts| facts.get("feeder_version"))
-        && version != env!("CARGO_PKG_VERSION")
-    {
+    let plan = String::from_utf8(plan).with_context(|| format!("{PLAN} in the bag"))?;
+    let plan = RunPlan::from_yaml(&plan).with_context(|| format!("{PLAN} in the bag"))?;
+    let version = &plan.provenance.version;
+    if version != env!("CARGO_PKG_VERSION") {
         eprintln!("warning: recorded by version {version}, this is {}", env!("CARGO_PKG_VERSION"));
     }
-    let tick_ns = scenario.time.tick_ns();
+    let tick_ns = plan.time.tick_ns();
     let ended = bag.records(RUN_END).last().and_then(|facts| facts.get(TICKS));
     let ticks = match ended {
         Some(ticks) => ticks.parse().with_context(|| format!("{ticks:?} is no number of ticks"))?,
@@ -95,26 +94,25 @@ fn recorded_run(bag: &Bag) -> anyhow::Result<Run> {
     if ticks == 0 {
         bail!("the bag holds no complete tick");
     }
-    Ok(Run { scenario, ticks, cut_off: ended.is_none(), tick_ns })
+    Ok(Run { plan, ticks, cut_off: ended.is_none(), tick_ns })
 }
 
-fn run_all(args: &RerunArgs, bag: &Bag, run: &Run, work: &Path, folder: &Path) -> anyhow::Result<()> {
-    let scenario = work.join(SCENARIO);
-    std::fs::write(&scenario, run.scenario.to_yaml()?)?;
+fn run_all(args: &RerunArgs, bag: &Bag, run: &Run, folder: &Path) -> anyhow::Result<()> {
     let topics = bag.topics().iter().map(|topic| topic.name.clone()).collect();
     let recording =
         RecordOptions { record: Some(folder.to_owned()), record_topics: Some(topics), ..RecordOptions::default() };
-    let duration_s = Duration::from_nanos(run.ticks * run.tick_ns).as_secs_f64();
-    up::run(&UpArgs::again(scenario, duration_s, !args.processes, args.domain, recording))
+    let mut plan = run.plan.clone();
+    plan.run.duration_s = Duration::from_nanos(run.ticks * run.tick_ns).as_secs_f64();
+    up::run_plan(&plan, &UpArgs::again(!args.processes, args.domain, recording))
 }
 
 /// Runs one node on its recorded inputs; returns the topics that it publishes and the bag holds.
 fn run_one(name: &str, bag: &Bag, run: &Run, folder: &Path) -> anyhow::Result<Vec<String>> {
-    let contract = up::connect(&run.scenario)?;
+    let contract = up::connect(&run.plan)?;
     let mut writer = BagWriter::create(folder, WriteSettings::default())?;
     let mut topics: BTreeMap<String, usize> = BTreeMap::new();
-    for placed in placed(&run.scenario).iter().filter(|placed| placed.entry.name == name) {
-        let interface = (placed.entry.interface)(&placed.namespace, &placed.scenario)?;
+    for (entry, planned) in placed(&run.plan).filter(|(entry, _)| entry.name == name) {
+        let interface = (entry.interface)(planned)?;
         for topic in bag.topics().iter().filter(|topic| interface.publishes(&topic.name)) {
             let at = writer.add_topic(NewTopic {
                 name: topic.name.clone(),
@@ -125,15 +123,16 @@ fn run_one(name: &str, bag: &Bag, run: &Run, folder: &Path) -> anyhow::Result<Ve
             })?;
             topics.insert(topic.name.clone(), at);
         }
-        replay(placed, &contract, bag, run, &topics, &mut writer)
-            .with_context(|| format!("cannot run {} alone", placed.full_name()))?;
+        replay(entry, planned, &contract, bag, run, &topics, &mut writer)
+            .with_context(|| format!("cannot run {} alone", name_of(planned)))?;
     }
     writer.finish()?;
     Ok(topics.into_keys().collect())
 }
 
 fn replay(
-    placed: &Placed,
+    entry: &NodeEntry,
+    planned: &PlannedNode,
     contract: &LoopContract,
     bag: &Bag,
     run: &Run,
@@ -162,16 +161,8 @@ fn replay(
             written = writer.write(topic, time_ns, time_ns, &data);
         }
     };
-    (placed.entry.replay)(
-        contract,
-        &placed.namespace,
-        &placed.scenario,
-        run.ticks,
-        &mut recorded,
-        &wanted,
-        &mut publish,
-    )
-    .map_err(|error| anyhow!("{error}"))?;
+    (entry.replay)(contract, planned, run.ticks, &mut recorded, &wanted, &mut publish)
+        .map_err(|error| anyhow!("{error}"))?;
     written?;
     unreadable.map_or(Ok(()), |error| Err(error.into()))
 }

@@ -1,6 +1,7 @@
 //! What a node is: ports declared once, and a step from stamped inputs to outputs.
 
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 mod action;
 mod lifecycle;
@@ -49,23 +50,23 @@ pub struct Settable {
 pub trait FeederNode: Sized + Send + 'static {
     /// Name of the node, of its crate and of its executable.
     const NAME: &'static str;
-    /// What it is configured by; parsed from a file, or the built-in default.
-    type Config: std::str::FromStr<Err: std::error::Error + Send + Sync + 'static>
-        + Serialize
-        + Default
-        + Clone
-        + Send
-        + 'static;
+    /// What it is configured by: its parameters.
+    type Config: Serialize + DeserializeOwned + Clone + Send + 'static;
     /// Handles of its ports.
     type Ports: Send;
 
-    /// The namespaces this configuration asks for a node in, such as `/feeder`; one node lives in each.
-    fn namespaces(config: &Self::Config) -> Vec<String>;
+    /// Checks a configuration, which may be one with parameters that somebody gave.
+    ///
+    /// # Errors
+    /// What is out of range, and what the range is.
+    fn check(_config: &Self::Config) -> Result<(), NodeError> {
+        Ok(())
+    }
 
     /// How often the node steps: in a simulated run as its clock says, against the wall clock in real time.
     fn tick(config: &Self::Config) -> Duration;
 
-    /// Declares its ports. [`Declare::namespace`] tells which of its namespaces the node lives in.
+    /// Declares its ports. [`Declare::namespace`] tells which namespace the node lives in.
     fn declare(io: &mut Declare, config: &Self::Config) -> Self::Ports;
 
     /// Makes the node.

@@ -67,16 +67,8 @@ impl Gate {
     }
 }
 
-#[derive(Clone, Default, serde::Serialize)]
-struct NoConfig;
-
-impl std::str::FromStr for NoConfig {
-    type Err = std::convert::Infallible;
-
-    fn from_str(_: &str) -> Result<Self, Self::Err> {
-        Ok(Self)
-    }
-}
+#[derive(Clone, Default, serde::Serialize, serde::Deserialize)]
+struct NoConfig {}
 
 /// The part a toy plays. All hash what they hear, and what they say depends on all they have heard.
 enum Part {
@@ -177,10 +169,6 @@ impl FeederNode for Toy {
     const NAME: &'static str = "toy";
     type Config = NoConfig;
     type Ports = ();
-
-    fn namespaces(_: &NoConfig) -> Vec<String> {
-        vec![NAMESPACE.into()]
-    }
 
     fn tick(_: &NoConfig) -> Duration {
         TICK
@@ -313,7 +301,7 @@ fn start(domain: &Domain, contract: &LoopContract, quirks: [Quirk; 3]) -> Nodes 
         let seat = seat.clone();
         let (toy, interface) = Toy::new(index, quirk);
         std::thread::spawn(move || {
-            run_opened(&seat, toy, NAMES[index], &NoConfig, interface).map_err(|error| error.to_string())
+            run_opened(&seat, toy, NAMES[index], &NoConfig {}, interface).map_err(|error| error.to_string())
         })
     });
     Nodes { threads: threads.collect(), stop, digests }
@@ -475,6 +463,6 @@ fn a_run_of_another_tick_than_the_configurations_is_refused() {
         digest_dir: None,
         stop: Arc::default(),
     };
-    let error = run_in_loop::<Toy>(&seat, &NoConfig).unwrap_err().to_string();
+    let error = run_in_loop::<Toy>(&seat, &NoConfig {}).unwrap_err().to_string();
     assert_eq!(error, "the run's tick is 20ms, but the configuration says 10ms");
 }

@@ -33,6 +33,13 @@ impl serde::Serialize for Notes {
     }
 }
 
+/// Nodes are configured with the notes themselves.
+impl<'de> serde::Deserialize<'de> for Notes {
+    fn deserialize<D: serde::Deserializer<'de>>(_: D) -> Result<Self, D::Error> {
+        Ok(Self::default())
+    }
+}
+
 impl Notes {
     fn add(&self, note: impl Into<String>) {
         self.0.lock().unwrap().push(note.into());
@@ -40,15 +47,6 @@ impl Notes {
 
     fn has(&self, note: &str) -> bool {
         self.0.lock().unwrap().iter().any(|noted| noted == note)
-    }
-}
-
-/// Where the nodes find their notes: each is configured with them.
-impl std::str::FromStr for Notes {
-    type Err = std::convert::Infallible;
-
-    fn from_str(_: &str) -> Result<Self, Self::Err> {
-        Ok(Self::default())
     }
 }
 
@@ -84,10 +82,6 @@ impl FeederNode for Serving {
     const NAME: &'static str = "serving";
     type Config = Notes;
     type Ports = ServingPorts;
-
-    fn namespaces(_: &Notes) -> Vec<String> {
-        vec!["/test".into()]
-    }
 
     fn tick(_: &Notes) -> Duration {
         TICK
@@ -159,10 +153,6 @@ impl FeederNode for Asking {
     const NAME: &'static str = "asking";
     type Config = Notes;
     type Ports = AskingPorts;
-
-    fn namespaces(_: &Notes) -> Vec<String> {
-        vec!["/test".into()]
-    }
 
     fn tick(_: &Notes) -> Duration {
         TICK

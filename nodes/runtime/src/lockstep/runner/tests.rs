@@ -18,25 +18,13 @@ enum Toy {
     Failing,
 }
 
-#[derive(Default, Clone, serde::Serialize)]
-struct NoConfig;
-
-impl std::str::FromStr for NoConfig {
-    type Err = std::convert::Infallible;
-
-    fn from_str(_: &str) -> Result<Self, Self::Err> {
-        Ok(Self)
-    }
-}
+#[derive(Clone, Default, serde::Serialize, serde::Deserialize)]
+struct NoConfig {}
 
 impl FeederNode for Toy {
     const NAME: &'static str = "toy";
     type Config = NoConfig;
     type Ports = ();
-
-    fn namespaces(_: &NoConfig) -> Vec<String> {
-        vec!["/".into()]
-    }
 
     fn tick(_: &NoConfig) -> Duration {
         Duration::from_nanos(TICK_NS)

@@ -1,0 +1,453 @@
+//! What each kind of node is configured by. A node knows nothing of a run but this.
+
+use feeder_control::courier::{CourierConfig, CourierLimits};
+use feeder_control::delivery::DeliveryConfig;
+use feeder_control::manipulator::ManipulatorConfig;
+use feeder_control::platen::Area;
+use feeder_model::camera::{CameraModel, MountedTray};
+use feeder_model::motor::Load;
+use feeder_model::part::{PartSpec, PartType};
+use feeder_model::tray::TrayGeometry;
+use feeder_model::waveform::Waveform;
+use feeder_sim::camera::{LightModel, PartSolid, Scene, SensorModel, TrayAppearance};
+use feeder_sim::motor::MotorParameters;
+use feeder_sim::parts::{BulkSettings, PartBulk};
+use feeder_vision::{PartModel, Selector, SelectorConfig};
+use nalgebra::{Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::placed::bulk_with;
+use crate::{PlacedPart, ScenarioError, SimulatedCourier, check_count, invalid};
+
+/// The configuration of a kind of node.
+pub trait NodeConfig: Sized {
+    /// Name of the kind: of its crate, its executable and its nodes.
+    const KIND: &'static str;
+
+    /// The configuration in a planned node, if that is of this kind.
+    fn of(planned: &PlannedConfig) -> Option<&Self>;
+
+    /// Checks the values, each and together.
+    ///
+    /// # Errors
+    /// What is out of range, and what the range is.
+    fn check(&self) -> Result<(), ScenarioError>;
+}
+
+/// The kinds of nodes, each with the type that configures it.
+macro_rules! kinds {
+    ($($kind:ident($config:ident) = $name:literal,)*) => {
+        /// A node's kind, and what it is configured by.
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(rename_all = "snake_case")]
+        pub enum PlannedConfig {
+            $(
+                #[doc = concat!("A `", $name, "`.")]
+                $kind(Box<$config>),
+            )*
+        }
+
+        impl PlannedConfig {
+            /// Name of the kind.
+            #[must_use]
+            pub fn kind(&self) -> &'static str {
+                match self {
+                    $(Self::$kind(_) => $config::KIND,)*
+                }
+            }
+
+            pub(super) fn check(&self) -> Result<(), ScenarioError> {
+                match self {
+                    $(Self::$kind(config) => config.check(),)*
+                }
+            }
+        }
+
+        $(
+            impl NodeConfig for $config {
+                const KIND: &'static str = $name;
+
+                fn of(planned: &PlannedConfig) -> Option<&Self> {
+                    match planned {
+                        PlannedConfig::$kind(config) => Some(&**config),
+                        _ => None,
+                    }
+                }
+
+                fn check(&self) -> Result<(), ScenarioError> {
+                    check_tick(self.tick_ms)?;
+                    self.check_values()
+                }
+            }
+        )*
+    };
+}
+
+kinds! {
+    WaveformGenerator(WaveformGeneratorConfig) = "waveform_generator",
+    CourierDriver(CourierDriverConfig) = "courier_driver",
+    PartSimulator(PartSimulatorConfig) = "part_simulator",
+    VisionSelector(VisionSelectorConfig) = "vision_selector",
+    DeliveryPlanner(DeliveryPlannerConfig) = "delivery_planner",
+    OverheadManipulator(OverheadManipulatorConfig) = "overhead_manipulator",
+    PlatenArbiter(PlatenArbiterConfig) = "platen_arbiter",
+    RunMonitor(RunMonitorConfig) = "run_monitor",
+}
+
+/// Checks the time between a node's steps.
+pub(crate) fn check_tick(tick_ms: u64) -> Result<(), ScenarioError> {
+    check_count("time", "tick_ms", tick_ms, 1, 100)
+}
+
+/// Configuration of the waveform generator.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WaveformGeneratorConfig {
+    /// Time between steps, ms.
+    pub tick_ms: u64,
+    /// Name of the waveform, for people.
+    pub name: String,
+    /// The vibration that feeds.
+    pub waveform: Waveform,
+    /// What the driver is set up with: a waveform that it would refuse is not published.
+    pub courier: CourierConfig,
+}
+
+impl WaveformGeneratorConfig {
+    fn check_values(&self) -> Result<(), ScenarioError> {
+        self.courier.validate().map_err(|error| invalid("courier", &error))?;
+        self.courier.check_waveform(&self.waveform).map_err(|error| invalid("waveform", &error))
+    }
+}
+
+/// Configuration of the courier driver, with the motor that stands in for the machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CourierDriverConfig {
+    /// Time between steps, ms; a whole number of servo periods.
+    pub tick_ms: u64,
+    /// Name of the feeder, with which its frames begin.
+    pub feeder: String,
+    /// Seed of the random numbers of the feeder.
+    pub seed: u64,
+    /// Foot of the ramp above the platen, m.
+    pub tray_floor_height_m: f64,
+    /// What the driver is set up with.
+    pub courier: CourierConfig,
+    /// The motor that is simulated. The driver does not know it.
+    pub motor: MotorParameters,
+}
+
+impl CourierDriverConfig {
+    /// The driver with its simulated motor.
+    #[must_use]
+    pub fn simulated_courier(&self) -> SimulatedCourier {
+        SimulatedCourier { config: self.courier, motor: self.motor }
+    }
+
+    fn check_values(&self) -> Result<(), ScenarioError> {
+        self.motor.validate().map_err(|error| invalid("world", &error))?;
+        self.courier.validate().map_err(|error| invalid("courier", &error))?;
+        let servo_ticks = self.tick_ms as f64 * 1e-3 / self.courier.servo_period_s;
+        if (servo_ticks - servo_ticks.round()).abs() > 1e-9 {
+            let problem = format!("tick_ms = {} holds no whole number of courier.servo_period_s", self.tick_ms);
+            return Err(ScenarioError::Invalid { section: "time", problem });
+        }
+        Ok(())
+    }
+}
+
+/// The camera as it is simulated.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SimulatedCamera {
+    /// Time between frames, ms.
+    pub period_ms: u64,
+    /// Quality of the compressed image, 1 to 100.
+    pub jpeg_quality: u8,
+    /// Optics, size and place.
+    pub model: CameraModel,
+    /// How tray and platen look.
+    pub tray: TrayAppearance,
+    /// The light.
+    pub light: LightModel,
+    /// The sensor.
+    pub sensor: SensorModel,
+}
+
+impl SimulatedCamera {
+    /// What the camera sees.
+    #[must_use]
+    pub fn scene(&self, tray: MountedTray, part: &PartType) -> Scene {
+        Scene {
+            camera: self.model.clone(),
+            tray,
+            tray_appearance: self.tray,
+            part: PartSolid::new(part.mesh.clone(), &part.poses),
+            light: self.light,
+            sensor: self.sensor,
+        }
+    }
+}
+
+/// Configuration of the part simulator.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartSimulatorConfig {
+    /// Time between steps, ms.
+    pub tick_ms: u64,
+    /// Name of the feeder, with which its frames begin.
+    pub feeder: String,
+    /// Seed of the random numbers of the feeder.
+    pub seed: u64,
+    /// The parts.
+    pub part: PartSpec,
+    /// The tray and how it sits on the courier.
+    pub tray: MountedTray,
+    /// Where the tray is at first: x, y (m) and yaw (rad) on the platen.
+    pub tray_start: Vector3<f64>,
+    /// How the parts behave in bulk.
+    pub bulk: BulkSettings,
+    /// How many parts are loaded at the start.
+    pub parts_loaded: u32,
+    /// Parts that lie at stated places at the start, beside those.
+    pub parts_placed: Vec<PlacedPart>,
+    /// The hopper adds parts while fewer than this are in the feeder; 0: there is none.
+    pub refill_below: u32,
+    /// Where the tray stands under the hopper, x and y on the platen, m.
+    pub hopper_m: Vector2<f64>,
+    /// The namespaces of the services by which grippers close on parts.
+    pub pick_namespaces: Vec<String>,
+    /// The camera.
+    pub camera: SimulatedCamera,
+}
+
+impl PartSimulatorConfig {
+    /// The parts in bulk, with those placed but none loaded.
+    ///
+    /// # Errors
+    /// Settings out of range, or a part placed where it cannot be.
+    pub fn parts_in_bulk(&self, part: PartType, seed: u64) -> Result<PartBulk, ScenarioError> {
+        bulk_with(&self.parts_placed, self.tray.geometry, part, self.bulk, seed)
+    }
+
+    fn check_values(&self) -> Result<(), ScenarioError> {
+        let part = PartType::new(&self.part).map_err(|error| invalid("part", &error))?;
+        self.tray.validate().map_err(|error| invalid("tray", &error))?;
+        self.parts_in_bulk(part.clone(), self.seed)?;
+        check_count("camera", "period_ms", self.camera.period_ms, self.tick_ms, 10_000)?;
+        if !self.camera.period_ms.is_multiple_of(self.tick_ms) {
+            let problem =
+                format!("period_ms = {} is no multiple of time.tick_ms = {}", self.camera.period_ms, self.tick_ms);
+            return Err(ScenarioError::Invalid { section: "camera", problem });
+        }
+        check_count("camera", "jpeg_quality", self.camera.jpeg_quality.into(), 1, 100)?;
+        self.camera.scene(self.tray, &part).validate().map_err(|error| invalid("camera", &error))
+    }
+}
+
+/// Configuration of the vision selector.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VisionSelectorConfig {
+    /// Time between steps, ms.
+    pub tick_ms: u64,
+    /// Name of the feeder, with which its frames begin.
+    pub feeder: String,
+    /// Name of the part.
+    pub part_class: String,
+    /// Names of its resting poses, in the order in which they were taught.
+    pub poses: Vec<String>,
+    /// The selector.
+    pub selector: SelectorConfig,
+    /// Time between frames of the camera, ms.
+    pub camera_period_ms: u64,
+    /// Optics, size and place of the camera, as calibrated.
+    pub camera: CameraModel,
+    /// The tray and how it sits on the courier.
+    pub tray: MountedTray,
+    /// What the selector was taught of the part.
+    pub part_model: PartModel,
+}
+
+impl VisionSelectorConfig {
+    /// The selector.
+    ///
+    /// # Errors
+    /// Values that do not go together.
+    pub fn selector(&self) -> Result<Selector, ScenarioError> {
+        Selector::new(self.selector.clone(), &self.camera, &self.tray, &self.part_model)
+            .map_err(|error| invalid("selector", &error))
+    }
+
+    fn check_values(&self) -> Result<(), ScenarioError> {
+        Selector::check(&self.selector, &self.camera, &self.tray, &self.part_model)
+            .map_err(|error| invalid("selector", &error))
+    }
+}
+
+/// A station as the delivery planner knows it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlannedStation {
+    /// Its name.
+    pub name: String,
+    /// Its tool axis on the platen, x, m.
+    pub x_m: f64,
+    /// Its tool axis on the platen, y, m.
+    pub y_m: f64,
+    /// Whether the feeder's camera sees it: then parts are looked at again there.
+    pub rechecked: bool,
+}
+
+/// Something that the feeder can feed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlannedRecipe {
+    /// Its name.
+    pub name: String,
+    /// Resting poses that agents may ask for.
+    pub pose_classes: Vec<String>,
+    /// The vibration; without it the generator's own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub waveform: Option<Waveform>,
+}
+
+/// Configuration of the delivery planner.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DeliveryPlannerConfig {
+    /// Time between steps, ms.
+    pub tick_ms: u64,
+    /// Name of the feeder, with which its frames begin.
+    pub feeder: String,
+    /// Seed of the random numbers of the feeder.
+    pub seed: u64,
+    /// Name of the part.
+    pub part_class: String,
+    /// Largest width of the part as it lies, m.
+    pub part_diameter_m: f64,
+    /// Largest height of the part as it lies, m.
+    pub part_height_m: f64,
+    /// What the feeder can feed; the first is in force at the start.
+    pub recipes: Vec<PlannedRecipe>,
+    /// The tray and how it sits on the courier.
+    pub tray: MountedTray,
+    /// The envelope of the courier's moves.
+    pub limits: CourierLimits,
+    /// What the tray carries.
+    pub load: Load,
+    /// How parts are delivered.
+    pub delivery: DeliveryConfig,
+    /// Where they are delivered to.
+    pub stations: Vec<PlannedStation>,
+    /// Areas that no part of the courier may enter.
+    pub keep_out: Vec<Area>,
+    /// Whether areas of the platen must be reserved for every trip.
+    pub arbitrated: bool,
+}
+
+impl DeliveryPlannerConfig {
+    /// The sequencer's parameters, with the stations and the areas.
+    #[must_use]
+    pub fn delivery(&self) -> DeliveryConfig {
+        let stations = self.stations.iter();
+        let rechecked = self.stations.iter().filter(|station| station.rechecked);
+        DeliveryConfig {
+            stations_m: stations.map(|station| (station.name.clone(), [station.x_m, station.y_m].into())).collect(),
+            rechecked_stations: rechecked.map(|station| station.name.clone()).collect(),
+            keep_out: self.keep_out.clone(),
+            arbitrated: self.arbitrated,
+            ..self.delivery.clone()
+        }
+    }
+
+    fn check_values(&self) -> Result<(), ScenarioError> {
+        self.limits.validate().map_err(|error| invalid("courier", &error))?;
+        self.load.validate().map_err(|error| invalid("courier", &error))?;
+        self.delivery().validate().map_err(|error| invalid("delivery", &error))
+    }
+}
+
+/// A feeder as a manipulator knows it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ServedFeeder {
+    /// Its name.
+    pub name: String,
+    /// The namespace of the service by which the gripper closes on its parts.
+    pub pick_namespace: String,
+}
+
+/// Configuration of an overhead manipulator.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OverheadManipulatorConfig {
+    /// Time between steps, ms.
+    pub tick_ms: u64,
+    /// Name of its station.
+    pub station: String,
+    /// Its tool axis on the platen, x, m.
+    pub x_m: f64,
+    /// Its tool axis on the platen, y, m.
+    pub y_m: f64,
+    /// Top of the plateau above the platen, m.
+    pub plateau_height_m: f64,
+    /// Seed of the random numbers of the run.
+    pub seed: u64,
+    /// The feeders it asks for parts, in turn.
+    pub feeders: Vec<ServedFeeder>,
+    /// Name of the part it asks for.
+    pub part_class: String,
+    /// Name of the resting pose it asks for.
+    pub pose_class: String,
+    /// The manipulator.
+    pub manipulator: ManipulatorConfig,
+}
+
+impl OverheadManipulatorConfig {
+    fn check_values(&self) -> Result<(), ScenarioError> {
+        self.manipulator
+            .validate()
+            .map_err(|error| invalid("stations", &format_args!("{}.manipulator: {error}", self.station)))
+    }
+}
+
+/// Configuration of the platen arbiter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlatenArbiterConfig {
+    /// Time between steps, ms.
+    pub tick_ms: u64,
+}
+
+impl PlatenArbiterConfig {
+    #[expect(clippy::unused_self, clippy::unnecessary_wraps, reason = "one signature for all kinds of nodes")]
+    fn check_values(&self) -> Result<(), ScenarioError> {
+        Ok(())
+    }
+}
+
+/// Configuration of the run monitor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunMonitorConfig {
+    /// Time between steps, ms.
+    pub tick_ms: u64,
+    /// Names of all feeders.
+    pub feeders: Vec<String>,
+    /// The tray of each.
+    pub tray: TrayGeometry,
+    /// The parts.
+    pub part: PartSpec,
+    /// Radius of a disc about a courier's centre that covers courier and tray, m.
+    pub footprint_radius_m: f64,
+    /// Whether couriers share the platen, so that areas are reserved.
+    pub arbitrated: bool,
+}
+
+impl RunMonitorConfig {
+    fn check_values(&self) -> Result<(), ScenarioError> {
+        PartType::new(&self.part).map(|_| ()).map_err(|error| invalid("part", &error))
+    }
+}
