@@ -325,7 +325,7 @@ fn the_bags_beside_the_code_are_good_and_small() {
     for name in ["waveform", "delivery", "jam"] {
         let bag = assert_good(&golden.join(name));
         assert!(bag.message_count() > 100, "{name}");
-        assert!(bag.attachment("plan.yaml").unwrap().is_some(), "{name}");
+        assert!(bag.attachment("scenario.yaml").unwrap().is_some(), "{name}");
         let (said, code) = bag!("check", bag.path());
         assert!(code == Some(0) && said.contains("0 errors, 0 warnings"), "{said}");
     }
