@@ -45,7 +45,7 @@ fn every_node_finds_itself_in_a_scenario_and_in_its_plan() {
         let file = Some(file.as_path());
         assert_eq!(load_node::<WaveformGeneratorConfig>(file, None).unwrap().0, "/feeder_1");
         assert_eq!(load_node::<CourierDriverConfig>(file, Some("/feeder_2")).unwrap().1.feeder, "feeder_2");
-        assert_eq!(load_node::<PartSimulatorConfig>(file, Some("/feeder_3")).unwrap().1.pick_services.len(), 3);
+        assert_eq!(load_node::<PartSimulatorConfig>(file, Some("/feeder_3")).unwrap().1.pick_namespaces.len(), 3);
         assert_eq!(load_node::<VisionSelectorConfig>(file, Some("/feeder_3")).unwrap().1.part_class, "grommet");
         assert!(load_node::<DeliveryPlannerConfig>(file, None).unwrap().1.arbitrated);
         assert_eq!(load_node::<OverheadManipulatorConfig>(file, None).unwrap().0, "/station_1");
