@@ -14,10 +14,13 @@
 //! ```
 
 pub mod interface;
+mod time;
 
 use std::fmt::Debug;
 
 use serde::{Serialize, de::DeserializeOwned};
+
+pub use time::{ns_of_stamp, stamp_of_ns};
 
 use crate::{
     builtin_interfaces::msg::Time,

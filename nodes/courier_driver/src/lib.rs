@@ -3,7 +3,6 @@
 //! What is published in a tick is the motion of the tick before it: stamps are never in the future.
 
 mod messages;
-mod trajectory;
 
 use std::time::Duration;
 
@@ -16,7 +15,7 @@ use feeder_runtime::node::{
 };
 use feeder_scenario::SimulatedDriver;
 use feeder_scenario::plan::{CourierDriverConfig, NodeConfig};
-use feeder_wire::{nodes, services, topics};
+use feeder_wire::{nodes, services, topics, trajectory};
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectory, FollowJointTrajectoryResult};
 use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
 use minifactory_msgs::msg::{self, CourierState, DeliveryState, TrayMotion};
@@ -290,7 +289,7 @@ impl CourierDriver {
 
     /// Begins a goal, or refuses it and says why.
     fn begin(&mut self, io: &mut StepIo, request: GoalRequest<FollowJointTrajectory>) {
-        let begun = trajectory::parse(&request.goal, io.now_ns()).and_then(|(trajectory, tolerances)| {
+        let begun = trajectory::from_goal(&request.goal, io.now_ns()).and_then(|(trajectory, tolerances)| {
             let begun = self.driver.execute_within(request.client(), &trajectory, &tolerances);
             begun.map_err(|reason: Rejection| (FollowJointTrajectoryResult::INVALID_GOAL, reason.to_string()))
         });

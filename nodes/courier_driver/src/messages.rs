@@ -2,11 +2,12 @@
 
 use feeder_control::courier::{AXES, DriverStatus, GoalOutcome, VibrationPhase};
 use feeder_runtime::node::GoalEnd;
-use feeder_wire::pose::{planar_pose, quaternion_of_yaw};
+use feeder_wire::frames;
+use feeder_wire::joints::{self, Joint};
+use feeder_wire::pose::planar_pose;
 use minifactory_msgs::builtin_interfaces::msg::Time;
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectoryFeedback, FollowJointTrajectoryResult};
 use minifactory_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
-use minifactory_msgs::geometry_msgs::msg::{Transform, TransformStamped, Vector3};
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::JointState;
 use minifactory_msgs::std_msgs::msg::Header;
@@ -43,30 +44,27 @@ impl Names {
 
     /// Where the courier is on the platen.
     pub(crate) fn transforms(&self, stamp: Time, status: &DriverStatus) -> TFMessage {
-        let translation = Vector3 { x: status.position.x, y: status.position.y, z: 0.0 };
-        let transform = Transform { translation, rotation: quaternion_of_yaw(status.position.z) };
-        let header = Header { stamp, frame_id: "platen".to_owned() };
-        TFMessage { transforms: vec![TransformStamped { header, child_frame_id: self.courier.clone(), transform }] }
+        let place = frames::upright(status.position.x, status.position.y, 0.0, status.position.z);
+        frames::to_message(stamp, "platen", &self.courier, &place)
     }
 
     /// How the tray sits on the courier.
     pub(crate) fn static_transforms(&self, stamp: Time, tray_height_m: f64) -> TFMessage {
-        let translation = Vector3 { x: 0.0, y: 0.0, z: tray_height_m };
-        let transform = Transform { translation, rotation: quaternion_of_yaw(0.0) };
-        let header = Header { stamp, frame_id: self.courier.clone() };
-        TFMessage { transforms: vec![TransformStamped { header, child_frame_id: self.tray.clone(), transform }] }
+        frames::to_message(stamp, &self.courier, &self.tray, &frames::upright(0.0, 0.0, tray_height_m, 0.0))
     }
 }
 
 /// Position and velocity of the courier's three axes.
 pub(crate) fn joint_states(stamp: Time, status: &DriverStatus) -> JointState {
-    JointState {
-        header: Header { stamp, frame_id: String::new() },
-        name: AXES.map(str::to_owned).to_vec(),
-        position: status.position.iter().copied().collect(),
-        velocity: status.velocity.iter().copied().collect(),
-        effort: Vec::new(),
-    }
+    let axes = AXES.iter().zip(status.position.iter().zip(&status.velocity));
+    let joints: Vec<Joint> = axes
+        .map(|(name, (position, velocity))| Joint {
+            name: (*name).to_owned(),
+            position: *position,
+            velocity: *velocity,
+        })
+        .collect();
+    joints::to_message(Header { stamp, frame_id: String::new() }, &joints)
 }
 
 /// Set point, motion and their difference, as the feedback of a trajectory.

@@ -3,11 +3,13 @@
 use std::time::Duration;
 
 use feeder_control::delivery::{Delivered, DeliveryId, DeliveryRequest, Failure, HandOver, Phase};
+use feeder_model::delivery::Outcome;
 use feeder_runtime::node::{Asker, GoalEnd, ServerEvent, StepIo, stamp_of_ns};
+use feeder_wire::delivery;
 use feeder_wire::pose::planar_pose;
 use minifactory_msgs::action::{DeliverPartFeedback, DeliverPartGoal, DeliverPartResult};
 use minifactory_msgs::geometry_msgs::msg::Pose;
-use minifactory_msgs::msg::{DeliveryState, FeederState, Waveform};
+use minifactory_msgs::msg::{FeederState, Waveform};
 use minifactory_msgs::srv::{
     ChangeRecipeRequest, ChangeRecipeResponse, PurgeRequest, PurgeResponse, ReportHandoverRequest,
     ReportHandoverResponse, SetWaveformRequest,
@@ -133,14 +135,11 @@ impl DeliveryPlanner {
         if let Some(known) = self.reported.iter().find(|known| known.is_numbered_as(&request)) {
             return known.check_same(&request);
         }
-        let id = messages::delivery_of_text(&request.delivery_id)
+        let id = delivery::number_of(&request.delivery_id)
+            .map(DeliveryId)
             .ok_or_else(|| format!("delivery_id = {:?} names no delivery", request.delivery_id))?;
-        let report = match request.report {
-            ReportHandoverRequest::TAKEN => HandOver::Taken,
-            ReportHandoverRequest::NOT_TAKEN => HandOver::NotTaken,
-            ReportHandoverRequest::RELEASED => HandOver::Released,
-            other => return Err(format!("report = {other}, allowed are 0 to 2")),
-        };
+        let report = delivery::report_of(request.report)
+            .ok_or_else(|| format!("report = {}, allowed are 0 to 2", request.report))?;
         if report == HandOver::NotTaken {
             tracing::warn!("{} was not taken: {}", request.delivery_id, request.message);
         }
@@ -217,8 +216,8 @@ impl DeliveryPlanner {
         presented_at: Option<Duration>,
     ) {
         let station = delivery.and_then(|id| self.deliveries.get(&id)).map(|open| open.station.clone());
-        self.said.phase = messages::phase_number(phase);
-        self.said.delivery_id = delivery.map(messages::text_of_delivery).unwrap_or_default();
+        self.said.phase = delivery::phase_number(phase);
+        self.said.delivery_id = delivery.map(|id| delivery::name_of(id.0)).unwrap_or_default();
         self.said.station = station.unwrap_or_default();
         self.said.reason = self.sequencer.fault().unwrap_or_default().to_owned();
         if phase != Phase::Presented {
@@ -246,7 +245,7 @@ impl DeliveryPlanner {
             let feedback = DeliverPartFeedback {
                 phase: self.said.phase,
                 eta_s,
-                delivery_id: messages::text_of_delivery(id),
+                delivery_id: delivery::name_of(id.0),
                 part_id: String::new(),
                 part_in_station: Pose::default(),
             };
@@ -262,9 +261,9 @@ impl DeliveryPlanner {
         self.publish_delivery_state(io);
         if let Some(open) = self.deliveries.get(&id) {
             let feedback = DeliverPartFeedback {
-                phase: DeliveryState::PRESENTED,
+                phase: delivery::phase_number(Phase::Presented),
                 eta_s: 0.0,
-                delivery_id: messages::text_of_delivery(id),
+                delivery_id: delivery::name_of(id.0),
                 part_id: candidate.id.to_string(),
                 part_in_station: part_in_station(delivered),
             };
@@ -273,7 +272,8 @@ impl DeliveryPlanner {
     }
 
     pub(crate) fn finish(&mut self, io: &mut StepIo, id: DeliveryId, result: &Result<Delivered, Failure>) {
-        let outcome = result.as_ref().err().map_or(DeliverPartResult::DELIVERED, messages::outcome_number);
+        let outcome = result.as_ref().err().map_or(Outcome::Delivered, messages::outcome);
+        let outcome = delivery::outcome_number(outcome);
         match result {
             Ok(_) => self.said.delivered += 1,
             Err(_) => {
@@ -292,7 +292,7 @@ impl DeliveryPlanner {
             Ok(delivered) => (String::new(), delivered.choice.candidate.id.to_string(), part_in_station(delivered)),
             Err(failure) => (failure.to_string(), String::new(), Pose::default()),
         };
-        let delivery_id = messages::text_of_delivery(id);
+        let delivery_id = delivery::name_of(id.0);
         let result = DeliverPartResult { outcome, reason, delivery_id, part_id, part_in_station: pose };
         self.deliver.finish(io, open.goal, end, result);
     }

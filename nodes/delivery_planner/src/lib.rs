@@ -11,19 +11,21 @@ use std::time::Duration;
 
 use feeder_control::delivery::{CourierReport, DeliveryId, DeliverySequencer, MoveId, Output, ReserveId};
 use feeder_model::seed::generator;
+use feeder_model::trajectory::Tolerances;
 use feeder_runtime::node::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, Asker, CallId, Client, ClientEvent, Declare,
     FeederNode, GoalEnd, GoalId, NodeError, Publisher, Server, StepIo, Subscriber, ns_of_stamp,
 };
 use feeder_scenario::plan::{DeliveryPlannerConfig, NodeConfig, PlannedRecipe};
+use feeder_wire::area::{self, AreaRequest};
 use feeder_wire::pose::yaw_of_quaternion;
-use feeder_wire::{nodes, services, topics};
+use feeder_wire::{nodes, services, topics, trajectory};
 use minifactory_msgs::action::DeliverPart;
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectory, FollowJointTrajectoryResult};
 use minifactory_msgs::msg::{CourierState, DeliveryState, Factsheet, FeederState, PartCandidates};
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::srv::{
-    ChangeRecipe, Purge, ReleaseArea, ReleaseAreaRequest, ReportHandover, ReserveArea, ReserveAreaRequest, SetWaveform,
+    ChangeRecipe, Purge, ReleaseArea, ReleaseAreaRequest, ReportHandover, ReserveArea, SetWaveform,
 };
 use minifactory_msgs::std_srvs::srv::{SetBool, SetBoolRequest, Trigger};
 use nalgebra::Vector3;
@@ -212,7 +214,7 @@ impl DeliveryPlanner {
         if let Some(arbiter) = self.ports.arbiter {
             for (call, response) in io.replies(&arbiter.reserve) {
                 if let Some(id) = self.reserving.remove(&call) {
-                    self.sequencer.area_answered(id, messages::lease_answer(response));
+                    self.sequencer.area_answered(id, area::from_response(response).map_err(|(_, message)| message));
                 }
             }
             for (_, response) in io.replies(&arbiter.release) {
@@ -247,7 +249,7 @@ impl DeliveryPlanner {
             Output::Move(id, plan) => {
                 let goal = GoalId(self.random.random());
                 self.moves.insert(id, goal);
-                self.trajectory.send(io, goal, messages::trajectory_goal(&plan.trajectory()));
+                self.trajectory.send(io, goal, trajectory::to_goal(&plan.trajectory(), &Tolerances::default()));
             }
             Output::CancelMove(id) => {
                 if let Some(goal) = self.moves.get(&id) {
@@ -255,25 +257,11 @@ impl DeliveryPlanner {
                 }
             }
             Output::Reserve { id, area, parked, duration, wait } => {
-                let request = ReserveAreaRequest {
-                    agent: self.feeder.clone(),
-                    area: messages::area(&area),
-                    parked,
-                    occupied: true,
-                    duration_s: duration.as_secs_f64(),
-                    wait_s: wait.as_secs_f64(),
-                    ..ReserveAreaRequest::default()
-                };
-                self.reserve(io, id, &request);
+                let request = AreaRequest::New { area, parked, occupied: true, wait };
+                self.reserve(io, id, &request, duration);
             }
             Output::Renew { id, lease, duration } => {
-                let request = ReserveAreaRequest {
-                    agent: self.feeder.clone(),
-                    lease_id: lease,
-                    duration_s: duration.as_secs_f64(),
-                    ..ReserveAreaRequest::default()
-                };
-                self.reserve(io, id, &request);
+                self.reserve(io, id, &AreaRequest::Renew { lease }, duration);
             }
             Output::Release(lease_id) => {
                 if let Some(arbiter) = self.ports.arbiter {
@@ -288,9 +276,9 @@ impl DeliveryPlanner {
         }
     }
 
-    fn reserve(&mut self, io: &mut StepIo, id: ReserveId, request: &ReserveAreaRequest) {
+    fn reserve(&mut self, io: &mut StepIo, id: ReserveId, request: &AreaRequest, duration: Duration) {
         if let Some(arbiter) = self.ports.arbiter {
-            let call = io.call(&arbiter.reserve, request);
+            let call = io.call(&arbiter.reserve, &area::to_request(&self.feeder, request, duration));
             self.reserving.insert(call, id);
         }
     }

@@ -7,7 +7,9 @@
 //! the courier. In the tray, ψ is measured counter-clockwise from the foot of the ramp: the ramp spans \[0, Θ), the
 //! plateau \[Θ, 2π), and the drop-off back to the foot of the ramp lies at 2π.
 
+pub mod area;
 pub mod camera;
+pub mod delivery;
 pub mod geometry;
 pub mod gravity;
 pub mod mechanics;
@@ -16,5 +18,6 @@ pub mod motor;
 pub mod part;
 pub mod range;
 pub mod seed;
+pub mod trajectory;
 pub mod tray;
 pub mod waveform;

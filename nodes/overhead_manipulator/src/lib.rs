@@ -7,20 +7,21 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use feeder_control::manipulator::{Action, Event, Manipulator, Presented};
+use feeder_model::delivery::{HandOver, Outcome, Phase};
 use feeder_model::seed::generator;
 use feeder_runtime::node::{
     ActionClient, ActionClientPorts, CallId, Client, ClientEvent, Declare, FeederNode, GoalId, NodeError, Publisher,
     StepIo,
 };
 use feeder_scenario::plan::{NodeConfig, OverheadManipulatorConfig};
-use feeder_wire::pose::{planar_pose, quaternion_of_yaw, yaw_of_quaternion};
+use feeder_wire::delivery;
+use feeder_wire::frames;
+use feeder_wire::joints::{self, Joint};
+use feeder_wire::pose::{planar_pose, yaw_of_quaternion};
 use feeder_wire::{nodes, services, topics};
-use minifactory_msgs::action::{DeliverPart, DeliverPartGoal, DeliverPartResult};
-use minifactory_msgs::geometry_msgs::msg::{Transform, TransformStamped, Vector3};
-use minifactory_msgs::msg::DeliveryState;
+use minifactory_msgs::action::{DeliverPart, DeliverPartGoal};
 use minifactory_msgs::sensor_msgs::msg::JointState;
 use minifactory_msgs::srv::{Pick, PickRequest, ReportHandover, ReportHandoverRequest};
-use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
@@ -138,13 +139,12 @@ impl FeederNode for OverheadManipulator {
             self.act(io, action);
         }
         let joints = self.manipulator.joints(now_s);
-        let state = JointState {
-            header: io.header(""),
-            name: vec![format!("{}_z", self.config.station), format!("{}_theta", self.config.station)],
-            position: joints.iter().map(|(position, _)| *position).collect(),
-            velocity: joints.iter().map(|(_, velocity)| *velocity).collect(),
-            effort: Vec::new(),
-        };
+        let named = ["z", "theta"].iter().zip(joints).map(|(axis, (position, velocity))| Joint {
+            name: format!("{}_{axis}", self.config.station),
+            position,
+            velocity,
+        });
+        let state = joints::to_message(io.header(""), &named.collect::<Vec<_>>());
         io.publish(&self.joint_states, &state);
         Ok(())
     }
@@ -162,7 +162,10 @@ impl OverheadManipulator {
                     }
                     ClientEvent::Lost(_) => events.push(Event::NoPart("the feeder does not answer".to_owned())),
                     ClientEvent::Feedback(id, feedback) => {
-                        if Some(id) == self.goal && feedback.phase == DeliveryState::PRESENTED && !self.presented {
+                        if Some(id) == self.goal
+                            && delivery::phase_of(feedback.phase) == Some(Phase::Presented)
+                            && !self.presented
+                        {
                             self.presented = true;
                             let pose = feedback.part_in_station;
                             events.push(Event::Presented(Presented {
@@ -174,7 +177,7 @@ impl OverheadManipulator {
                         }
                     }
                     ClientEvent::Finished(id, _, result) => {
-                        if Some(id) == self.goal && result.outcome != DeliverPartResult::DELIVERED {
+                        if Some(id) == self.goal && delivery::outcome_of(result.outcome) != Some(Outcome::Delivered) {
                             tracing::warn!("no part: {}", result.reason);
                             events.push(Event::NoPart(result.reason));
                         }
@@ -242,19 +245,20 @@ impl OverheadManipulator {
             }
             Action::Report { delivery_id, taken } => {
                 let (report, message) = match taken {
-                    Ok(()) => (ReportHandoverRequest::TAKEN, String::new()),
-                    Err(message) => (ReportHandoverRequest::NOT_TAKEN, message),
+                    Ok(()) => (HandOver::Taken, String::new()),
+                    Err(message) => (HandOver::NotTaken, message),
                 };
                 self.report(io, delivery_id, report, message);
             }
             Action::Release { delivery_id } => {
-                self.report(io, delivery_id, ReportHandoverRequest::RELEASED, String::new());
+                self.report(io, delivery_id, HandOver::Released, String::new());
             }
         }
     }
 
-    fn report(&mut self, io: &mut StepIo, delivery_id: String, report: u8, message: String) {
+    fn report(&mut self, io: &mut StepIo, delivery_id: String, report: HandOver, message: String) {
         self.sequence += 1;
+        let report = delivery::report_number(report);
         let request = ReportHandoverRequest { delivery_id, sequence: self.sequence, report, message };
         self.reports.push_back(Report { feeder: self.asked, request, attempts: 0 });
         self.send_report(io);
@@ -272,10 +276,7 @@ impl OverheadManipulator {
 
     /// The tool frame: where the axis meets the height of the plateau.
     fn mounting(&self, io: &StepIo) -> TFMessage {
-        let translation = Vector3 { x: self.config.x_m, y: self.config.y_m, z: self.config.plateau_height_m };
-        let transform = Transform { translation, rotation: quaternion_of_yaw(0.0) };
-        let header: Header = io.header("platen");
-        let child_frame_id = format!("{}/tool", self.config.station);
-        TFMessage { transforms: vec![TransformStamped { header, child_frame_id, transform }] }
+        let place = frames::upright(self.config.x_m, self.config.y_m, self.config.plateau_height_m, 0.0);
+        frames::to_message(io.stamp(), "platen", &format!("{}/tool", self.config.station), &place)
     }
 }

@@ -8,9 +8,8 @@ use feeder_runtime::node::{Declare, NodeError, Publisher, StepIo, stamp_of_ns};
 use feeder_scenario::plan::PartSimulatorConfig;
 use feeder_sim::camera::{PartView, Renderer, TrayShot, codec};
 use feeder_sim::parts::{Part, PartBulk, Place};
-use feeder_wire::topics;
+use feeder_wire::{frames, topics};
 use image::GrayImage;
-use minifactory_msgs::geometry_msgs::msg::{Quaternion, Transform, TransformStamped, Vector3};
 use minifactory_msgs::sensor_msgs::msg::{CameraInfo, CompressedImage, Image};
 use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
@@ -126,14 +125,7 @@ impl Camera {
 
     /// Where the camera hangs, as calibrated.
     fn mounting(&self) -> TFMessage {
-        let pose = self.model.platen_from_camera();
-        let (t, q) = (pose.translation.vector, pose.rotation.coords);
-        let transform = Transform {
-            translation: Vector3 { x: t.x, y: t.y, z: t.z },
-            rotation: Quaternion { x: q.x, y: q.y, z: q.z, w: q.w },
-        };
-        let header = Header { stamp: stamp_of_ns(0), frame_id: "platen".to_owned() };
-        TFMessage { transforms: vec![TransformStamped { header, child_frame_id: self.frame.clone(), transform }] }
+        frames::to_message(stamp_of_ns(0), "platen", &self.frame, &self.model.platen_from_camera())
     }
 }
 

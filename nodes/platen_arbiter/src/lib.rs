@@ -6,17 +6,15 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use feeder_control::platen::{Answer, Arbiter, Area, Granted, LeaseId, Refusal, Reservation, Ticket};
-use feeder_runtime::node::{Asker, Declare, FeederNode, NodeError, Publisher, Server, StepIo, stamp_of_ns};
+use feeder_control::platen::{Answer, Arbiter, Granted, LeaseId, Refusal, Reservation, Ticket};
+use feeder_runtime::node::{Asker, Declare, FeederNode, NodeError, Publisher, Server, StepIo};
 use feeder_scenario::plan::{NodeConfig, PlatenArbiterConfig};
+use feeder_wire::area::{self, AreaRequest, LeasedArea, NoLease};
 use feeder_wire::{nodes, services, topics};
-use minifactory_msgs::builtin_interfaces::msg::Time;
-use minifactory_msgs::geometry_msgs::msg::Point;
-use minifactory_msgs::msg::{self, AreaLease, AreaLeases};
+use minifactory_msgs::msg::{AreaLease, AreaLeases};
 use minifactory_msgs::srv::{
     ReleaseArea, ReleaseAreaRequest, ReleaseAreaResponse, ReserveArea, ReserveAreaRequest, ReserveAreaResponse,
 };
-use nalgebra::Vector2;
 
 /// Handles of the arbiter's ports.
 pub struct Ports {
@@ -81,47 +79,31 @@ impl FeederNode for PlatenArbiter {
 
 impl PlatenArbiter {
     fn reserve(&mut self, io: &mut StepIo, now: Duration, asker: Asker, request: &ReserveAreaRequest) {
-        let seconds = |key: &str, value_s: f64| {
-            Duration::try_from_secs_f64(value_s).map_err(|_| format!("{key} = {value_s}, allowed is a positive number"))
-        };
-        let times = seconds("duration_s", request.duration_s)
-            .and_then(|duration| Ok((duration, seconds("wait_s", request.wait_s)?)));
-        let (duration, wait) = match times {
-            Ok(times) => times,
+        let (asked, duration) = match area::from_request(request) {
+            Ok(understood) => understood,
             Err(message) => {
-                let response = ReserveAreaResponse { result: ReserveAreaResponse::INVALID, message, ..refused() };
+                let response = area::to_response(Err((NoLease::Invalid, message)));
                 io.reply(&self.ports.reserve, asker, &response);
                 return;
             }
         };
-        if !request.lease_id.is_empty() {
-            let renewed = request.lease_id.parse().and_then(|lease: LeaseId| {
-                let expires = self.arbiter.renew(now, &request.agent, lease, duration)?;
-                Ok(Granted { lease, expires })
-            });
-            let response = match renewed {
-                Ok(granted) => response(Ok(granted)),
-                Err(error) => ReserveAreaResponse {
-                    result: ReserveAreaResponse::UNKNOWN_LEASE,
-                    message: error.to_string(),
-                    ..refused()
-                },
-            };
-            io.reply(&self.ports.reserve, asker, &response);
-            return;
+        match asked {
+            AreaRequest::Renew { lease } => {
+                let renewed = lease.parse().and_then(|lease: LeaseId| {
+                    let expires = self.arbiter.renew(now, &request.agent, lease, duration)?;
+                    Ok((lease.to_string(), expires))
+                });
+                let answer = renewed.map_err(|error| (NoLease::UnknownLease, error.to_string()));
+                io.reply(&self.ports.reserve, asker, &area::to_response(answer));
+            }
+            AreaRequest::New { area, parked, occupied, wait } => {
+                self.tickets += 1;
+                self.askers.insert(self.tickets, asker);
+                let agent = request.agent.clone();
+                let reservation = Reservation { agent, area, parked, occupied, duration, wait };
+                self.arbiter.reserve(now, self.tickets, reservation);
+            }
         }
-        self.tickets += 1;
-        self.askers.insert(self.tickets, asker);
-        let points_m = request.area.points.iter().map(|point| Vector2::new(point.x, point.y)).collect();
-        let reservation = Reservation {
-            agent: request.agent.clone(),
-            area: Area { points_m, radius_m: request.area.radius_m },
-            parked: request.parked,
-            occupied: request.occupied,
-            duration,
-            wait,
-        };
-        self.arbiter.reserve(now, self.tickets, reservation);
     }
 
     fn release(&mut self, request: &ReleaseAreaRequest) -> ReleaseAreaResponse {
@@ -137,14 +119,16 @@ impl PlatenArbiter {
             .arbiter
             .leases()
             .iter()
-            .map(|(id, lease)| AreaLease {
-                lease_id: id.to_string(),
-                agent: lease.agent.clone(),
-                area: area_message(&lease.area),
-                parked: lease.parked,
-                occupied: lease.occupied,
-                expires: time(lease.expires),
-                overdue: lease.overdue,
+            .map(|(id, lease)| {
+                area::to_lease(&LeasedArea {
+                    lease: id.to_string(),
+                    agent: lease.agent.clone(),
+                    area: lease.area.clone(),
+                    parked: lease.parked,
+                    occupied: lease.occupied,
+                    expires: lease.expires,
+                    overdue: lease.overdue,
+                })
             })
             .collect();
         let waiting: Vec<String> = self.arbiter.waiting().map(str::to_owned).collect();
@@ -159,37 +143,14 @@ impl PlatenArbiter {
 }
 
 fn response(answer: Answer) -> ReserveAreaResponse {
-    let refusal = match answer {
-        Ok(Granted { lease, expires }) => {
-            return ReserveAreaResponse {
-                result: ReserveAreaResponse::GRANTED,
-                lease_id: lease.to_string(),
-                expires: time(expires),
-                message: String::new(),
-            };
-        }
-        Err(refusal) => refusal,
-    };
-    let result = match refusal {
-        Refusal::NoAgent | Refusal::Area(_) | Refusal::Duration { .. } => ReserveAreaResponse::INVALID,
-        Refusal::Taken { .. } | Refusal::Full { .. } => ReserveAreaResponse::TAKEN,
-        Refusal::Parked { .. } => ReserveAreaResponse::PARKED,
-        Refusal::Overdue { .. } => ReserveAreaResponse::OVERDUE,
-        Refusal::OnATrip { .. } => ReserveAreaResponse::ON_A_TRIP,
-    };
-    ReserveAreaResponse { result, message: refusal.to_string(), ..refused() }
-}
-
-/// What all refusals have in common.
-fn refused() -> ReserveAreaResponse {
-    ReserveAreaResponse::default()
-}
-
-fn area_message(area: &Area) -> msg::Area {
-    let points = area.points_m.iter().map(|point| Point { x: point.x, y: point.y, z: 0.0 }).collect();
-    msg::Area { points, radius_m: area.radius_m }
-}
-
-fn time(since_start: Duration) -> Time {
-    stamp_of_ns(u64::try_from(since_start.as_nanos()).unwrap_or(u64::MAX))
+    area::to_response(answer.map(|Granted { lease, expires }| (lease.to_string(), expires)).map_err(|refusal| {
+        let kind = match refusal {
+            Refusal::NoAgent | Refusal::Area(_) | Refusal::Duration { .. } => NoLease::Invalid,
+            Refusal::Taken { .. } | Refusal::Full { .. } => NoLease::Taken,
+            Refusal::Parked { .. } => NoLease::Parked,
+            Refusal::Overdue { .. } => NoLease::Overdue,
+            Refusal::OnATrip { .. } => NoLease::OnATrip,
+        };
+        (kind, refusal.to_string())
+    }))
 }

@@ -4,10 +4,11 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
+use feeder_model::delivery::Phase;
 use feeder_model::part::PartType;
 use feeder_runtime::node::{Declare, Publisher, StepIo, Subscriber, ns_of_stamp};
 use feeder_scenario::plan::RunMonitorConfig;
-use feeder_wire::topics;
+use feeder_wire::{delivery, topics};
 use minifactory_msgs::msg::{
     DeliveryState, FeedMetrics, PartCandidate, PartCandidates, PartStates, PickEvent, RunProgress,
 };
@@ -190,15 +191,15 @@ impl FeederMonitor {
 }
 
 fn activity_of(phase: u8) -> Activity {
-    match phase {
-        DeliveryState::FEEDING => Activity::Wait,
-        DeliveryState::STOPPING => Activity::Stop,
-        DeliveryState::SETTLING => Activity::Settle,
-        DeliveryState::LOOKING => Activity::Look,
-        DeliveryState::RESERVING => Activity::Reserve,
-        DeliveryState::MOVING => Activity::Move,
-        DeliveryState::PRESENTED => Activity::Pick,
-        DeliveryState::RETURNING => Activity::Return,
-        _ => Activity::Idle,
+    match delivery::phase_of(phase) {
+        Some(Phase::Feeding) => Activity::Wait,
+        Some(Phase::Stopping) => Activity::Stop,
+        Some(Phase::Settling) => Activity::Settle,
+        Some(Phase::Looking) => Activity::Look,
+        Some(Phase::Reserving) => Activity::Reserve,
+        Some(Phase::Moving) => Activity::Move,
+        Some(Phase::Presented) => Activity::Pick,
+        Some(Phase::Returning) => Activity::Return,
+        Some(Phase::Idle | Phase::Purging | Phase::Fault) | None => Activity::Idle,
     }
 }

@@ -3,7 +3,7 @@
 use feeder_control::platen::Area;
 use feeder_runtime::node::{Declare, StepIo, Subscriber};
 use feeder_scenario::plan::RunMonitorConfig;
-use feeder_wire::topics;
+use feeder_wire::{area, topics};
 use minifactory_msgs::msg::AreaLeases;
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use nalgebra::Vector2;
@@ -62,10 +62,7 @@ impl PlatenMonitor {
             }
         }
         if let Some(message) = io.take(&self.ports.leases).pop() {
-            let leases = message.leases.into_iter().map(|lease| {
-                let points_m = lease.area.points.iter().map(|point| Vector2::new(point.x, point.y)).collect();
-                (lease.agent, Area { points_m, radius_m: lease.area.radius_m })
-            });
+            let leases = message.leases.iter().map(area::from_lease).map(|lease| (lease.agent, lease.area));
             self.leases = Some(leases.collect());
         }
         self.check_distances(progress);

@@ -15,7 +15,8 @@ fn launch_configs() -> PathBuf {
 /// All scenarios that come with the feeder.
 fn scenarios() -> Vec<PathBuf> {
     let files = launch_configs().read_dir().unwrap().map(|entry| entry.unwrap().path());
-    let mut scenarios: Vec<PathBuf> = files.filter(|path| path.extension().is_some_and(|kind| kind == "yaml")).collect();
+    let mut scenarios: Vec<PathBuf> =
+        files.filter(|path| path.extension().is_some_and(|kind| kind == "yaml")).collect();
     scenarios.sort();
     assert!(scenarios.len() >= 3, "{scenarios:?}");
     scenarios

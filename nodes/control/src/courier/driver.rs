@@ -11,13 +11,14 @@ use super::path::{Check, Path};
 use super::rejection::Rejection;
 use super::report::{Commander, DriverEvent, Fault, GoalHandle, GoalOutcome};
 use super::safety::Supervisor;
-use super::tolerance::{Allowed, Tolerances};
-use super::trajectory::{Spline, State, Trajectory, TrajectoryPoint};
+use super::tolerance::{self, Allowed};
+use super::trajectory::{self, Spline, State};
 use super::vibrator::Vibrator;
 use crate::courier::limits::{CourierLimits, Extent};
 use feeder_model::motor::Load;
 use feeder_model::motor::PlanarMotor;
 use feeder_model::range::OutOfRange;
+use feeder_model::trajectory::{Tolerances, Trajectory, TrajectoryPoint};
 use feeder_model::waveform::Waveform;
 
 /// A goal being executed.
@@ -189,8 +190,8 @@ impl<P: PlanarMotor> CourierDriver<P> {
         if let Some(holder) = self.goal.map(|goal| goal.client).filter(|&holder| holder != client) {
             return Err(Rejection::Busy { holder });
         }
-        trajectory.validate()?;
-        let tolerances = tolerances.resolve(&self.config)?;
+        trajectory::check(trajectory)?;
+        let tolerances = tolerance::resolve(tolerances, &self.config)?;
         let present = self.nominal();
         check_start(trajectory, &present)?;
         let path = Path::new(Spline::new(trajectory, &present), self.tick, self.config.servo_period_s);

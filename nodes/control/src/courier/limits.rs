@@ -7,9 +7,6 @@ use thiserror::Error;
 use feeder_model::motor::Load;
 use feeder_model::range::{OutOfRange, check_range};
 
-/// Names of the courier's axes, in the order of the components of every motion vector.
-pub const AXES: [&str; 3] = ["courier_x", "courier_y", "courier_yaw"];
-
 /// The courier's envelope, and the mass by which a commanded acceleration becomes a force.
 ///
 /// The paper publishes about 1.5 m/s, several g and ±2° of yaw; force, torque, mass and inertia are assumed.

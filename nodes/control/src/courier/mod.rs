@@ -28,11 +28,10 @@ mod vibrator;
 
 pub use config::CourierConfig;
 pub use driver::CourierDriver;
+pub use feeder_model::trajectory::{AXES, Tolerances, Trajectory, TrajectoryPoint};
 pub use learning::LearningParameters;
-pub use limits::{AXES, CourierLimits, LimitViolation};
+pub use limits::{CourierLimits, LimitViolation};
 pub use rejection::Rejection;
 pub use report::{Commander, DriverEvent, DriverStatus, Fault, GoalHandle, GoalOutcome, StepOutput};
 pub use safety::SafetyParameters;
-pub use tolerance::Tolerances;
-pub use trajectory::{Trajectory, TrajectoryPoint};
 pub use vibrator::VibrationPhase;

@@ -2,9 +2,10 @@
 
 use thiserror::Error;
 
-use super::limits::{AXES, LimitViolation};
+use super::limits::LimitViolation;
 use super::report::Fault;
 use feeder_model::range::OutOfRange;
+use feeder_model::trajectory::AXES;
 
 /// Why a command was refused. A refused command changes nothing.
 #[derive(Clone, Debug, PartialEq, Error)]

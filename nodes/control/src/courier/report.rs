@@ -5,9 +5,9 @@ use std::fmt;
 use nalgebra::Vector3;
 use thiserror::Error;
 
-use super::limits::AXES;
 use super::vibrator::VibrationPhase;
 use feeder_model::motion::MotionBlock;
+use feeder_model::trajectory::AXES;
 
 /// Names an accepted trajectory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

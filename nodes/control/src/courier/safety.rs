@@ -4,9 +4,10 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::report::{Commander, Fault};
-use crate::courier::limits::{AXES, CourierLimits};
+use crate::courier::limits::CourierLimits;
 use feeder_model::range::OutOfRange;
 use feeder_model::range::check_range;
+use feeder_model::trajectory::AXES;
 
 /// When the driver takes the courier to be out of control.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

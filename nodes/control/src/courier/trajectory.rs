@@ -1,88 +1,49 @@
-//! Trajectories as `follow_joint_trajectory` states them: time-stamped points and an interpolation between them.
+//! What is accepted as a trajectory, and the interpolation between its points.
 
+use feeder_model::trajectory::{Trajectory, TrajectoryPoint};
 use nalgebra::Vector3;
 
 use super::rejection::Rejection;
 
-/// A point of a trajectory. Vectors are (`courier_x`, `courier_y`, `courier_yaw`).
-#[derive(Clone, Debug, PartialEq)]
-pub struct TrajectoryPoint {
-    /// Time since the start of the trajectory, s.
-    pub time_s: f64,
-    /// Position, m and rad.
-    pub position: Vector3<f64>,
-    /// Velocity, m/s and rad/s.
-    pub velocity: Option<Vector3<f64>>,
-    /// Acceleration, m/s² and rad/s².
-    pub acceleration: Option<Vector3<f64>>,
-}
+/// Shortest and longest trajectory accepted, s.
+const DURATION_RANGE_S: (f64, f64) = (1e-3, 600.0);
 
-impl TrajectoryPoint {
-    /// A point at which the courier rests.
-    #[must_use]
-    pub fn at_rest(time_s: f64, position: Vector3<f64>) -> Self {
-        let zero = Some(Vector3::zeros());
-        Self { time_s, position, velocity: zero, acceleration: zero }
-    }
-}
-
-/// Points in order of time, interpolated as `ros2_control` does: quintic between points with velocities and
-/// accelerations, cubic between points with velocities, else linear.
+/// Checks what can be checked without knowing the courier: finite, sorted, of a sensible
+/// duration, at rest in the end.
 ///
-/// A first point at time 0 says where the trajectory starts; without one it starts from the present set point.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Trajectory {
-    /// The points.
-    pub points: Vec<TrajectoryPoint>,
-}
-
-impl Trajectory {
-    /// Shortest and longest trajectory accepted, s.
-    pub const DURATION_RANGE_S: (f64, f64) = (1e-3, 600.0);
-
-    /// Time of the last point, s.
-    #[must_use]
-    pub fn duration_s(&self) -> f64 {
-        self.points.last().map_or(0.0, |point| point.time_s)
+/// # Errors
+/// The first thing found wrong.
+pub(super) fn check(trajectory: &Trajectory) -> Result<(), Rejection> {
+    let finite = |vector: &Vector3<f64>| vector.iter().all(|value| value.is_finite());
+    let mut last_time_s = f64::NEG_INFINITY;
+    for (index, point) in trajectory.points.iter().enumerate() {
+        let not_finite = |field| Err(Rejection::NotFinite { index, field });
+        if !point.time_s.is_finite() || point.time_s < 0.0 {
+            return not_finite("time");
+        }
+        if !finite(&point.position) {
+            return not_finite("position");
+        }
+        if !point.velocity.as_ref().is_none_or(finite) {
+            return not_finite("velocity");
+        }
+        if !point.acceleration.as_ref().is_none_or(finite) {
+            return not_finite("acceleration");
+        }
+        if point.time_s <= last_time_s {
+            return Err(Rejection::Unsorted { index, time_s: point.time_s });
+        }
+        last_time_s = point.time_s;
     }
-
-    /// Checks what can be checked without knowing the courier: finite, sorted, of a sensible
-    /// duration, at rest in the end.
-    ///
-    /// # Errors
-    /// The first thing found wrong.
-    pub fn validate(&self) -> Result<(), Rejection> {
-        let finite = |vector: &Vector3<f64>| vector.iter().all(|value| value.is_finite());
-        let mut last_time_s = f64::NEG_INFINITY;
-        for (index, point) in self.points.iter().enumerate() {
-            let not_finite = |field| Err(Rejection::NotFinite { index, field });
-            if !point.time_s.is_finite() || point.time_s < 0.0 {
-                return not_finite("time");
-            }
-            if !finite(&point.position) {
-                return not_finite("position");
-            }
-            if !point.velocity.as_ref().is_none_or(finite) {
-                return not_finite("velocity");
-            }
-            if !point.acceleration.as_ref().is_none_or(finite) {
-                return not_finite("acceleration");
-            }
-            if point.time_s <= last_time_s {
-                return Err(Rejection::Unsorted { index, time_s: point.time_s });
-            }
-            last_time_s = point.time_s;
-        }
-        let last = self.points.last().ok_or(Rejection::Empty)?;
-        let (min_s, max_s) = Self::DURATION_RANGE_S;
-        if !(min_s..=max_s).contains(&last.time_s) {
-            return Err(Rejection::Duration { duration_s: last.time_s, min_s, max_s });
-        }
-        if last.velocity.is_some_and(|velocity| velocity.norm() > 1e-9) {
-            return Err(Rejection::MovingEnd);
-        }
-        Ok(())
+    let last = trajectory.points.last().ok_or(Rejection::Empty)?;
+    let (min_s, max_s) = DURATION_RANGE_S;
+    if !(min_s..=max_s).contains(&last.time_s) {
+        return Err(Rejection::Duration { duration_s: last.time_s, min_s, max_s });
     }
+    if last.velocity.is_some_and(|velocity| velocity.norm() > 1e-9) {
+        return Err(Rejection::MovingEnd);
+    }
+    Ok(())
 }
 
 /// Position, velocity and acceleration at an instant.
@@ -252,13 +213,13 @@ mod tests {
 
     #[test]
     fn malformed_trajectories_are_refused_with_the_point_named() {
-        assert_eq!(Trajectory::default().validate(), Err(Rejection::Empty));
+        assert_eq!(check(&Trajectory::default()), Err(Rejection::Empty));
         let unsorted = Trajectory { points: vec![point(0.0, 0.0), point(1.0, 0.1), point(1.0, 0.2)] };
-        assert_eq!(unsorted.validate(), Err(Rejection::Unsorted { index: 2, time_s: 1.0 }));
+        assert_eq!(check(&unsorted), Err(Rejection::Unsorted { index: 2, time_s: 1.0 }));
         let mut bad = Trajectory { points: vec![point(0.0, 0.0), point(1.0, f64::NAN)] };
-        assert_eq!(bad.validate(), Err(Rejection::NotFinite { index: 1, field: "position" }));
+        assert_eq!(check(&bad), Err(Rejection::NotFinite { index: 1, field: "position" }));
         bad.points[1] = TrajectoryPoint { velocity: Some(Vector3::new(0.1, 0.0, 0.0)), ..point(1.0, 0.1) };
-        assert_eq!(bad.validate(), Err(Rejection::MovingEnd));
-        assert!(matches!(Trajectory { points: vec![point(1e9, 0.0)] }.validate(), Err(Rejection::Duration { .. })));
+        assert_eq!(check(&bad), Err(Rejection::MovingEnd));
+        assert!(matches!(check(&Trajectory { points: vec![point(1e9, 0.0)] }), Err(Rejection::Duration { .. })));
     }
 }

@@ -9,6 +9,8 @@ use super::choice::Choice;
 use super::plan::{MovePlan, PlanError};
 use crate::platen::Area;
 
+pub use feeder_model::delivery::{HandOver, Phase};
+
 /// A point in time, since the start of the run's clock.
 pub type Stamp = Duration;
 
@@ -26,17 +28,6 @@ pub struct ReserveId(pub u64);
 
 /// What a request for an area came to: the name of the lease and when it ends, or why there is none.
 pub type LeaseAnswer = Result<(String, Stamp), String>;
-
-/// What a manipulator reports of a hand-over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum HandOver {
-    /// The part is in the gripper.
-    Taken,
-    /// The part is not in the gripper and will not be.
-    NotTaken,
-    /// The tool is clear of the feeder.
-    Released,
-}
 
 /// What an agent asks for.
 #[derive(Clone, Debug, PartialEq)]
@@ -121,33 +112,6 @@ pub struct CourierReport {
     pub vibrating: bool,
     /// A trajectory is being followed.
     pub moving: bool,
-}
-
-/// Where the planner stands in its sequence.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Phase {
-    /// Nothing is asked for.
-    Idle,
-    /// Vibrating so that parts come onto the plateau.
-    Feeding,
-    /// Feeding was switched off, the vibration ends.
-    Stopping,
-    /// Parts come to rest.
-    Settling,
-    /// Waiting for an image of the parts at rest.
-    Looking,
-    /// Waiting for the platen area of the trip.
-    Reserving,
-    /// Carrying the chosen part to the station.
-    Moving,
-    /// The part waits under the station's tool.
-    Presented,
-    /// Driving back to the feeding place.
-    Returning,
-    /// Feeding to empty the plateau.
-    Purging,
-    /// Given up; waiting for a reset.
-    Fault,
 }
 
 /// A part under a station.

@@ -17,7 +17,7 @@ use std::time::Duration;
 
 use thiserror::Error;
 
-use super::area::Area;
+use feeder_model::area::Area;
 use feeder_model::range::OutOfRange;
 
 /// Names a lease.

@@ -16,9 +16,10 @@ pub use action::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, ClientEvent, GoalEnd, GoalRequest, ServerEvent,
 };
 pub use lifecycle::{Lifecycle, LifecyclePorts, LifecycleState};
+pub use minifactory_msgs::{ns_of_stamp, stamp_of_ns};
 pub use ports::{Client, Declare, Interface, Latency, NotStated, Port, PortKind, Publisher, Server, Subscriber};
 pub(crate) use step::{Arrival, AskerInner, Output, split_call, with_call};
-pub use step::{Asker, CallId, StepIo, ns_of_stamp, stamp_of_ns};
+pub use step::{Asker, CallId, StepIo};
 
 /// Why a node cannot start or go on.
 #[derive(Debug, thiserror::Error)]

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use bytes::{Bytes, BytesMut};
 use minifactory_msgs::builtin_interfaces::msg::Time;
+use minifactory_msgs::stamp_of_ns;
 use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::{Message, Service};
 
@@ -301,19 +302,6 @@ impl StepIo {
             }
         }
     }
-}
-
-/// `ns` since the start of the run as a ROS stamp.
-#[must_use]
-pub fn stamp_of_ns(ns: u64) -> Time {
-    const NS_PER_S: u64 = 1_000_000_000;
-    Time { sec: i32::try_from(ns / NS_PER_S).unwrap_or(i32::MAX), nanosec: u32::try_from(ns % NS_PER_S).unwrap_or(0) }
-}
-
-/// A ROS stamp as ns since the start of the run; one before the start counts as the start.
-#[must_use]
-pub fn ns_of_stamp(stamp: &Time) -> u64 {
-    u64::try_from(stamp.sec).unwrap_or(0) * 1_000_000_000 + u64::from(stamp.nanosec)
 }
 
 /// Puts the number of a call before its payload, as the loop carries both in one message.

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-use feeder_model::range::OutOfRange;
+use crate::range::OutOfRange;
 
 /// Everything within a radius of a polyline on the platen: a disc when the line is a single point, a corridor when not.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

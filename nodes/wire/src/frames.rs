@@ -1,0 +1,64 @@
+//! Frames as the messages of `/tf` and `/tf_static` hold them.
+
+use minifactory_msgs::builtin_interfaces::msg::Time;
+use minifactory_msgs::geometry_msgs::msg::{Quaternion, Transform, TransformStamped, Vector3};
+use minifactory_msgs::std_msgs::msg::Header;
+use minifactory_msgs::tf2_msgs::msg::TFMessage;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+
+/// A turn about z by `yaw_rad` and a place (x, y, z), m, in the parent's frame.
+#[must_use]
+pub fn upright(x_m: f64, y_m: f64, z_m: f64, yaw_rad: f64) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad);
+    Isometry3::from_parts(Translation3::new(x_m, y_m, z_m), turn)
+}
+
+/// A message that says where frame `child` is in frame `parent`.
+#[must_use]
+pub fn to_message(stamp: Time, parent: &str, child: &str, parent_from_child: &Isometry3<f64>) -> TFMessage {
+    let (t, q) = (parent_from_child.translation.vector, parent_from_child.rotation.coords);
+    let transform = Transform {
+        translation: Vector3 { x: t.x, y: t.y, z: t.z },
+        rotation: Quaternion { x: q.x, y: q.y, z: q.z, w: q.w },
+    };
+    let header = Header { stamp, frame_id: parent.to_owned() };
+    TFMessage { transforms: vec![TransformStamped { header, child_frame_id: child.to_owned(), transform }] }
+}
+
+/// Where a child's frame is in its parent's.
+#[must_use]
+pub fn from_transform(transform: &Transform) -> Isometry3<f64> {
+    let (t, q) = (&transform.translation, &transform.rotation);
+    let turn = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q.w, q.x, q.y, q.z));
+    Isometry3::from_parts(Translation3::new(t.x, t.y, t.z), turn)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn a_frame_survives_the_round_trip(
+            place in prop::array::uniform3(-5.0..5.0_f64),
+            turn in prop::array::uniform3(-3.0..3.0_f64),
+        ) {
+            let sent = Isometry3::new(place.into(), turn.into());
+            let message = to_message(Time::default(), "platen", "tool", &sent);
+            let stamped = &message.transforms[0];
+            prop_assert_eq!((stamped.header.frame_id.as_str(), stamped.child_frame_id.as_str()), ("platen", "tool"));
+            let came = from_transform(&stamped.transform);
+            prop_assert!((came.translation.vector - sent.translation.vector).norm() < 1e-12);
+            prop_assert!(came.rotation.angle_to(&sent.rotation) < 1e-6);
+        }
+    }
+
+    #[test]
+    fn an_upright_frame_turns_about_z() {
+        let frame = upright(1.0, 2.0, 3.0, std::f64::consts::FRAC_PI_2);
+        let point = frame * nalgebra::Point3::new(1.0, 0.0, 0.0);
+        assert!((point.coords - nalgebra::Vector3::new(1.0, 3.0, 3.0)).norm() < 1e-12);
+    }
+}
