@@ -1,7 +1,6 @@
 //! The page of interfaces is what the constants say. `UPDATE=1 cargo test -p feeder_wire --test interface_page` writes it.
 
 use std::collections::BTreeSet;
-use std::fmt::Write as _;
 use std::path::Path;
 
 use feeder_wire::{services, topics};
@@ -64,12 +63,12 @@ fn page() -> String {
     for entry in entries.iter().filter(|entry| entry.kind == EntryKind::Topic) {
         let qos = entry.qos.as_ref().map(quality).unwrap_or_default();
         let (name, ros_type, meaning) = (&entry.name, &entry.ros_type, entry.facts.meaning());
-        writeln!(page, "| `{name}` | {ros_type} | {qos} | {} | {meaning} |", ends(entry)).unwrap();
+        page += &format!("| `{name}` | {ros_type} | {qos} | {} | {meaning} |\n", ends(entry));
     }
     page.push_str("\n| Service or action | Type | From → to | What it does |\n|---|---|---|---|\n");
     for entry in entries.iter().filter(|entry| entry.kind != EntryKind::Topic) {
         let (name, ros_type, meaning) = (&entry.name, &entry.ros_type, entry.facts.meaning());
-        writeln!(page, "| `{name}` | {ros_type} | {} | {meaning} |", ends(entry)).unwrap();
+        page += &format!("| `{name}` | {ros_type} | {} | {meaning} |\n", ends(entry));
     }
     page + REST
 }
