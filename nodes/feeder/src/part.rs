@@ -57,8 +57,8 @@ fn show(part: &PartType, spec: &PartSpec) {
         part.name,
         1e6 * part.mass_kg,
         2e3 * part.mesh.radius_m(),
-        part.friction_static,
-        part.friction_kinetic,
+        part.friction.static_coefficient(),
+        part.friction.kinetic_coefficient(),
         part.mesh.triangles().len()
     );
     println!(

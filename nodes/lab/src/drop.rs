@@ -213,7 +213,9 @@ fn drop_once(part: &PartType, shape: &SharedShape, start: &Start, args: &Args) -
 
 /// Puts the floors into the world and returns the upward normal of the one on which the part ends.
 fn floors(world: &mut PhysicsWorld, part: &PartType, edge: bool, args: &Args) -> Vector3<f64> {
-    let material = |collider: ColliderBuilder| collider.friction(part.friction_kinetic).restitution(args.restitution);
+    let material = |collider: ColliderBuilder| {
+        collider.friction(part.friction.kinetic_coefficient()).restitution(args.restitution)
+    };
     let half = Vector::new(FLOOR_MM, FLOOR_MM, FLOOR_MM);
     let block = || material(ColliderBuilder::cuboid(half.x, half.y, half.z));
     if !edge {
@@ -246,7 +248,7 @@ fn insert(
         .can_sleep(false);
     let collider = ColliderBuilder::new(shape.clone())
         .mass_properties(mass_properties(part))
-        .friction(part.friction_kinetic)
+        .friction(part.friction.kinetic_coefficient())
         .restitution(args.restitution);
     let (body, _) = world.insert(body, collider);
     body

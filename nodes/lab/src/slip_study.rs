@@ -121,7 +121,7 @@ impl Bench {
         run_for(&mut driver, LEARNING_S);
         driver.set_waveform(&scenario.waveform()?, false)?;
         while !driver.step(20).status.at_rest() {}
-        let friction = scenario.part_type()?.friction_static;
+        let friction = scenario.part_type()?.friction.static_coefficient();
         let gentle = GentleParameters { friction, friction_share, ..GentleParameters::default() };
         let planner = MovePlanner::new(gentle, scenario.tray.geometry, config.limits, config.load)?;
         Ok(Self { driver, planner, at: Vector3::zeros() })

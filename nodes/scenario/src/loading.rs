@@ -4,7 +4,7 @@ use super::{Scenario, ScenarioError, invalid};
 use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_model::mechanics::annular::AnnularTrack;
 use feeder_model::mechanics::map::TrayMap;
-use feeder_model::mechanics::{Friction, MechanicsError};
+use feeder_model::mechanics::MechanicsError;
 use feeder_model::part::PartType;
 use feeder_sim::parts::{BulkSettings, check_fit};
 
@@ -48,8 +48,7 @@ impl Scenario {
     /// The critical radius (0 if there is none) and the loading radius, m; `None` if parts climb nowhere.
     fn climbing(&self, part: &PartType) -> Result<Option<(f64, f64)>, MechanicsError> {
         let tray = self.tray.geometry;
-        let friction = Friction::new(part.friction_static, part.friction_kinetic)?;
-        let track = AnnularTrack::new(tray, friction, STANDARD_GRAVITY_M_S2)?;
+        let track = AnnularTrack::new(tray, part.friction, STANDARD_GRAVITY_M_S2)?;
         let Ok(waveform) = self.waveform() else { return Ok(None) };
         let map = TrayMap::new(&track, &waveform)?;
         let outermost_m = tray.outer_radius_m - part.outline_radius_m();

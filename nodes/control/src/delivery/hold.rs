@@ -2,14 +2,15 @@
 
 use nalgebra::Vector2;
 
+use feeder_model::mechanics::friction::{Affine, held_up_to_m_s2};
+use feeder_model::mechanics::tray_forces::Incline;
 use feeder_model::tray::{Surface, TrayGeometry};
 
 /// Largest courier acceleration along the unit vector `direction_in_tray` at which a part at rest at `part_in_tray` (m)
 /// stays at rest, m/s²; nothing if it slides even on a courier at rest.
 ///
-/// The sticking forces of Quaid Eqs 24, 28, 29 (corrected) with an acceleration a of the courier and no rotation ask for
-/// (a u_r)² + (a u_ψ cos φ + g sin φ)² ≤ μ² (g cos φ − a u_ψ sin φ)². That is quadratic in a; along the slope its
-/// solution is g tan(φ_f − φ) uphill and g tan(φ_f + φ) downhill, across it g cos φ √(μ² − tan² φ), on the plateau μ g.
+/// Along the slope that is g tan(φ_f − φ) uphill and g tan(φ_f + φ) downhill, across it g cos φ √(μ² − tan² φ), on the
+/// plateau μ g (from Quaid Eqs 24, 28, 29, corrected, with an acceleration of the courier and no rotation).
 /// The part is a point.
 #[must_use]
 pub fn holding_acceleration_m_s2(
@@ -20,25 +21,19 @@ pub fn holding_acceleration_m_s2(
     gravity_m_s2: f64,
 ) -> Option<f64> {
     let angle_rad = part_in_tray.y.atan2(part_in_tray.x);
-    let slope_rad = match tray.surface(angle_rad) {
-        Surface::Ramp => tray.ramp_slope_rad(part_in_tray.norm()),
-        Surface::Plateau => 0.0,
+    let radius_m = part_in_tray.norm();
+    let incline = match tray.surface(angle_rad) {
+        Surface::Ramp => Incline::helix(tray.pitch_m_per_rad(), radius_m),
+        Surface::Plateau => Incline::LEVEL,
     };
     let (sin_angle, cos_angle) = angle_rad.sin_cos();
-    let radial = direction_in_tray.dot(&Vector2::new(cos_angle, sin_angle));
-    let along = direction_in_tray.dot(&Vector2::new(-sin_angle, cos_angle));
-    let (sin, cos) = slope_rad.sin_cos();
-    let square = radial * radial + along * along * (cos * cos - friction * friction * sin * sin);
-    let linear = 2.0 * gravity_m_s2 * along * sin * cos * (1.0 + friction * friction);
-    let constant = gravity_m_s2 * gravity_m_s2 * (sin * sin - friction * friction * cos * cos);
-    if constant > 0.0 {
-        return None;
-    }
-    // The smallest positive root of square a² + linear a + constant, in the form without cancellation.
-    let discriminant = linear * linear - 4.0 * square * constant;
-    let denominator = linear + discriminant.max(0.0).sqrt();
-    let bounded = discriminant >= 0.0 && denominator > 0.0;
-    Some(if bounded { -2.0 * constant / denominator } else { f64::INFINITY })
+    let outward = direction_in_tray.dot(&Vector2::new(cos_angle, sin_angle));
+    let around = direction_in_tray.dot(&Vector2::new(-sin_angle, cos_angle));
+    let (still, carried) = (incline.load(0.0, gravity_m_s2), incline.load(around, gravity_m_s2));
+    let drive =
+        Affine { at_zero: [0.0, still.along_m_s2], per_m_s2: [-outward, carried.along_m_s2 - still.along_m_s2] };
+    let normal = Affine { at_zero: still.normal_m_s2, per_m_s2: carried.normal_m_s2 - still.normal_m_s2 };
+    held_up_to_m_s2(friction, &drive, &normal)
 }
 
 /// Points spread over the ramp at one radius, to stand for parts that cannot be seen there. Steeper is harder to hold, so

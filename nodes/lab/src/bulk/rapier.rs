@@ -38,7 +38,7 @@ pub(super) fn speed(
     world.integration_parameters.dt = SAMPLE_S;
     let (vertices, triangles) = surfaces(tray);
     let body = RigidBodyBuilder::kinematic_velocity_based().can_sleep(false);
-    let collider = ColliderBuilder::trimesh(vertices, triangles)?.friction(part.friction_kinetic);
+    let collider = ColliderBuilder::trimesh(vertices, triangles)?.friction(part.friction.kinetic_coefficient());
     let (turntable, _) = world.insert(body, collider);
 
     let points: Vec<Vector> =
@@ -55,8 +55,9 @@ pub(super) fn speed(
             translation: Vector::new(placed.x_m, placed.y_m, height_m) * MM,
             rotation: Rotation::from_xyzw(q.x, q.y, q.z, q.w),
         };
-        let collider =
-            ColliderBuilder::new(hull.clone()).mass_properties(mass_properties(part)).friction(part.friction_kinetic);
+        let collider = ColliderBuilder::new(hull.clone())
+            .mass_properties(mass_properties(part))
+            .friction(part.friction.kinetic_coefficient());
         world.insert(RigidBodyBuilder::dynamic().pose(pose).can_sleep(false), collider);
     }
     let mut run = |seconds: f64| {

@@ -85,7 +85,7 @@ pub(super) fn closed_form(axis: Axis, lever: f64, period_s: f64, design: &Optima
 pub(super) fn check_limits(limits: &AxisLimits) -> Result<(), OutOfRange> {
     OutOfRange::unless_positive("max_acceleration", limits.max_acceleration)?;
     for (parameter, value) in [("max_speed", limits.max_speed), ("max_stroke", limits.max_stroke)] {
-        OutOfRange::unless(value > 0.0, parameter, value.min(f64::MAX), "greater than 0")?;
+        OutOfRange::unless(value > 0.0, parameter, value.min(f64::MAX), "above 0")?;
     }
     Ok(())
 }

@@ -1,14 +1,8 @@
 //! A part on the annular tray in two dimensions, one closed-form step per sample of the tray's motion.
 //!
-//! r, ψ are polar coordinates in the tray, θ the yaw of the tray, Ω = ψ̇ + θ̇, w1 = ṙ, w2 = r ψ̇/cos φ the speed along the
-//! track, tan φ = c/r on the ramp and 0 on the plateau, a_c the acceleration of the tray's centre with e_r, e_ψ the local
-//! unit vectors (Quaid Eqs 18–29, corrected, with a_c added). With p = r θ̈ + 2 ṙ Ω + a_c·e_ψ:
-//!
-//! - normal force per mass: N = g cos φ − p sin φ (Eq. 23);
-//! - ẇ1 = r Ω² − a_c·e_r + f1;
-//! - ẇ2 = −g sin φ − p cos φ + w1 w2 cos² φ/r + f2, the last term but one because w2 turns ψ̇ into a speed at a changing r;
-//! - friction: (f1, f2) = −μ_k N w/|w| while sliding (Eq. 21); at rest it holds what drives the part as long as that is at
-//!   most μ_s N (Eqs 24, 28, 29).
+//! The equations are those of [`tray_forces`](super::tray_forces). The part keeps its speeds w1 = ṙ outward and
+//! w2 = r ψ̇/cos φ along the track, so ẇ1 = r̈, and ẇ2 = r ψ̈/cos φ + ṙ ψ̇ cos φ, the last term because w2 turns ψ̇ into a
+//! speed at a changing r.
 //!
 //! The drive and N are taken as constant over the sample, the local-slope model. The sliding within it is
 //! solved in closed form where w keeps to a line, as it nearly does under pure yaw: there a step is exact, and the static
@@ -16,13 +10,11 @@
 
 use std::f64::consts::TAU;
 
+use super::tray_forces::{Incline, TrayDrive};
 use super::{Friction, check_slope};
 use crate::motion::MotionSample;
 use crate::range::OutOfRange;
 use crate::tray::TrayGeometry;
-
-/// Share of the limit of static friction taken for rounding.
-const REST_ROUNDING: f64 = 1e-12;
 
 /// A part on the tray.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -143,50 +135,36 @@ impl AnnularTrack {
     /// is taken to slide without friction until it is touched again.
     pub fn step(&self, part: &mut PartState, motion: &MotionSample, sample_s: f64) -> Encounter {
         let r = part.radius_m;
-        let pitch = if part.angle_rad < self.tray.ramp_angle_rad { self.pitch_m_per_rad } else { 0.0 };
-        let helix = (r * r + pitch * pitch).sqrt();
-        let (sin, cos) = (pitch / helix, r / helix);
+        let on_ramp = part.angle_rad < self.tray.ramp_angle_rad;
+        let incline = if on_ramp { Incline::helix(self.pitch_m_per_rad, r) } else { Incline::LEVEL };
+        let tray = TrayDrive::new(motion, 0.0, sample_s, part.angle_rad);
+        let (outward, around) = (part.outward_m_s, part.along_m_s * incline.cos);
+        let spin = around / r;
+        let felt = tray.felt_m_s2([r, 0.0], [outward, around]);
+        let load = incline.load(2.0 * outward * spin - felt[1], self.gravity_m_s2);
+        let drive = [felt[0] + around * spin, load.along_m_s2 + outward * spin * incline.cos];
+        let grip = self.friction.grip(load.normal_m_s2.max(0.0));
+        let slid = grip.slide([outward, part.along_m_s], self.borne(part, drive), sample_s);
 
-        let forces = self.forces(part, motion, sample_s, (sin, cos));
-        let slide = slide([part.outward_m_s, part.along_m_s], forces, sample_s);
-
-        part.radius_m = r + slide.displacement_m[0];
-        part.angle_rad += slide.displacement_m[1] * cos / (r + slide.displacement_m[0] / 2.0);
-        [part.outward_m_s, part.along_m_s] = slide.velocity_m_s;
-        part.sticking = slide.at_rest;
+        part.radius_m = r + slid.displacement_m[0];
+        part.angle_rad += slid.displacement_m[1] * incline.cos / (r + slid.displacement_m[0] / 2.0);
+        [part.outward_m_s, part.along_m_s] = slid.velocity_m_s;
+        part.sticking = slid.at_rest();
         self.meet_walls(part)
     }
 
-    fn forces(&self, part: &PartState, motion: &MotionSample, sample_s: f64, (sin, cos): (f64, f64)) -> Forces {
-        let (r, outward, along) = (part.radius_m, part.outward_m_s, part.along_m_s);
-        let (a, g) = (&motion.acceleration, self.gravity_m_s2);
-        let (centre_outward, centre_along) = if a.x == 0.0 && a.y == 0.0 {
-            (0.0, 0.0)
-        } else {
-            let (s, c) = (part.angle_rad + motion.position.z).sin_cos();
-            (a.x * c + a.y * s, a.y * c - a.x * s)
-        };
-        let yaw_rate = motion.velocity.z + a.z * sample_s / 2.0;
-        let spin = along * cos / r;
-        let turn = spin + yaw_rate;
-        let push = r * a.z + 2.0 * outward * turn + centre_along;
-        let normal = (g * cos - push * sin).max(0.0);
-        let mut outward_drive = r * turn * turn - centre_outward;
-        // A wall bears what presses the part against it.
-        if (r >= self.tray.outer_radius_m && outward_drive > 0.0 && outward >= 0.0)
-            || (r <= self.tray.inner_radius_m && outward_drive < 0.0 && outward <= 0.0)
+    /// What is left of a drive where walls and face bear what presses the part against them.
+    fn borne(&self, part: &PartState, [mut outward, mut along]: [f64; 2]) -> [f64; 2] {
+        let (r, outward_m_s) = (part.radius_m, part.outward_m_s);
+        if (r >= self.tray.outer_radius_m && outward > 0.0 && outward_m_s >= 0.0)
+            || (r <= self.tray.inner_radius_m && outward < 0.0 && outward_m_s <= 0.0)
         {
-            outward_drive = 0.0;
+            outward = 0.0;
         }
-        let mut along_drive = -g * sin - push * cos + outward * spin * cos;
-        if part.angle_rad <= 0.0 && along_drive < 0.0 && along <= 0.0 {
-            along_drive = 0.0;
+        if part.angle_rad <= 0.0 && along < 0.0 && part.along_m_s <= 0.0 {
+            along = 0.0;
         }
-        Forces {
-            drive_m_s2: [outward_drive, along_drive],
-            sliding_m_s2: self.friction.kinetic_coefficient() * normal,
-            at_rest_m_s2: self.friction.static_coefficient() * normal * (1.0 + REST_ROUNDING),
-        }
+        [outward, along]
     }
 
     fn meet_walls(&self, part: &mut PartState) -> Encounter {
@@ -209,112 +187,5 @@ impl AnnularTrack {
             encounter = Encounter::DropOff;
         }
         encounter
-    }
-}
-
-/// Forces on a part per mass, constant over a step.
-#[derive(Clone, Copy, Debug)]
-struct Forces {
-    /// What accelerates the part relative to the tray, without friction: outward and along, m/s².
-    drive_m_s2: [f64; 2],
-    /// Friction while sliding, μ_k N.
-    sliding_m_s2: f64,
-    /// Largest friction at rest, μ_s N.
-    at_rest_m_s2: f64,
-}
-
-/// Outcome of a step of sliding.
-#[derive(Clone, Copy, Debug)]
-struct Slide {
-    velocity_m_s: [f64; 2],
-    displacement_m: [f64; 2],
-    at_rest: bool,
-}
-
-/// Slides for `duration_s` under constant forces.
-///
-/// If friction stops the motion in its direction within the step, the step is split there and the static window decides,
-/// as in one dimension. Otherwise friction acts against the final direction, which is stable for any step and exact on
-/// a line.
-fn slide(velocity_m_s: [f64; 2], forces: Forces, duration_s: f64) -> Slide {
-    let Forces { drive_m_s2: d, sliding_m_s2, at_rest_m_s2 } = forces;
-    let mut w = velocity_m_s;
-    let mut left_s = duration_s;
-    let mut displacement_m = [0.0; 2];
-    let speed = norm(w);
-    let mut stopped = speed == 0.0;
-    if !stopped {
-        let heading = [w[0] / speed, w[1] / speed];
-        let along = d[0] * heading[0] + d[1] * heading[1];
-        let brake = sliding_m_s2 - along;
-        if brake * left_s > speed {
-            let stop_s = speed / brake;
-            // What drives across the heading has had its way meanwhile.
-            let end = [(d[0] - along * heading[0]) * stop_s, (d[1] - along * heading[1]) * stop_s];
-            displacement_m = [(w[0] + end[0]) / 2.0 * stop_s, (w[1] + end[1]) / 2.0 * stop_s];
-            left_s -= stop_s;
-            w = end;
-            stopped = true;
-        }
-    }
-    if stopped && norm(d) <= at_rest_m_s2 {
-        return Slide { velocity_m_s: [0.0; 2], displacement_m, at_rest: true };
-    }
-    let free = [w[0] + d[0] * left_s, w[1] + d[1] * left_s];
-    let free_speed = norm(free);
-    let kept = if free_speed > 0.0 { (1.0 - sliding_m_s2 * left_s / free_speed).max(0.0) } else { 0.0 };
-    let end = [free[0] * kept, free[1] * kept];
-    displacement_m[0] += (w[0] + end[0]) / 2.0 * left_s;
-    displacement_m[1] += (w[1] + end[1]) / 2.0 * left_s;
-    Slide { velocity_m_s: end, displacement_m, at_rest: false }
-}
-
-fn norm(v: [f64; 2]) -> f64 {
-    (v[0] * v[0] + v[1] * v[1]).sqrt()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn forces(drive_m_s2: [f64; 2], sliding_m_s2: f64, at_rest_m_s2: f64) -> Forces {
-        Forces { drive_m_s2, sliding_m_s2, at_rest_m_s2 }
-    }
-
-    #[test]
-    fn verif_a_slide_on_a_line_is_exact_through_a_reversal() {
-        // 1 m/s against 5 m/s² of drive and 2 of friction stops after 1/7 s and comes back at 3 m/s².
-        let end = slide([0.0, 1.0], forces([0.0, -5.0], 2.0, 2.5), 0.5);
-        let (stop_s, back_s) = (1.0 / 7.0, 0.5 - 1.0 / 7.0);
-        assert!((end.velocity_m_s[1] + 3.0 * back_s).abs() < 1e-15);
-        assert!((end.displacement_m[1] - (stop_s / 2.0 - 1.5 * back_s * back_s)).abs() < 1e-15);
-        assert!(!end.at_rest);
-        // With 5 m/s² of static friction it stays where it stopped.
-        let end = slide([0.0, 1.0], forces([0.0, -5.0], 2.0, 5.0), 0.5);
-        assert!(end.at_rest && (end.displacement_m[1] - stop_s / 2.0).abs() < 1e-15);
-    }
-
-    proptest! {
-        #[test]
-        fn verif_sliding_friction_never_adds_energy(
-            w in (-0.5..0.5_f64, -0.5..0.5_f64), d in (-20.0..20.0_f64, -20.0..20.0_f64),
-            sliding in 0.0..10.0_f64, excess in 1.0..1.5_f64, duration_s in 1e-5..1e-2_f64,
-        ) {
-            let end = slide([w.0, w.1], forces([d.0, d.1], sliding, sliding * excess), duration_s);
-            let gained = (norm(end.velocity_m_s).powi(2) - norm([w.0, w.1]).powi(2)) / 2.0;
-            let work = d.0 * end.displacement_m[0] + d.1 * end.displacement_m[1];
-            prop_assert!(gained <= work + 1e-12, "friction put in {}", gained - work);
-        }
-
-        #[test]
-        fn verif_sliding_has_no_handedness(
-            w in (-0.5..0.5_f64, -0.5..0.5_f64), d in (-20.0..20.0_f64, -20.0..20.0_f64), sliding in 0.0..10.0_f64,
-        ) {
-            let one = slide([w.0, w.1], forces([d.0, d.1], sliding, sliding), 5e-4);
-            let other = slide([w.0, -w.1], forces([d.0, -d.1], sliding, sliding), 5e-4);
-            let difference = [one.velocity_m_s[0] - other.velocity_m_s[0], one.velocity_m_s[1] + other.velocity_m_s[1]];
-            prop_assert!(norm(difference) < 1e-15);
-        }
     }
 }

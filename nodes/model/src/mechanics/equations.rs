@@ -17,8 +17,8 @@ pub fn stick_slip_feed_m_s(
     friction: &Friction,
     gravity_m_s2: f64,
 ) -> Option<f64> {
-    let hold = friction.at_rest * gravity_m_s2;
-    let drag = friction.sliding * gravity_m_s2;
+    let hold = friction.static_coefficient() * gravity_m_s2;
+    let drag = friction.kinetic_coefficient() * gravity_m_s2;
     (a_min <= hold && hold < a_max)
         .then(|| period_s * a_min / 2.0 * (1.0 / (1.0 + a_min / a_max) - 1.0 / (1.0 + a_min / drag)))
 }
@@ -34,14 +34,14 @@ pub fn sliding_stick_slip_feed_m_s(
     friction: &Friction,
     gravity_m_s2: f64,
 ) -> Option<f64> {
-    (a_min > friction.at_rest * gravity_m_s2)
-        .then(|| friction.sliding * gravity_m_s2 * period_s / 4.0 * (a_max - a_min) / (a_max + a_min))
+    (a_min > friction.static_coefficient() * gravity_m_s2)
+        .then(|| friction.kinetic_coefficient() * gravity_m_s2 * period_s / 4.0 * (a_max - a_min) / (a_max + a_min))
 }
 
 /// The share z* = ½ (1 − m/a) of coasting that feeds fastest under a Coulomb pump of amplitude `a`, m = μ_k g.
 #[must_use]
 pub fn best_coulomb_pump_z(a: f64, friction: &Friction, gravity_m_s2: f64) -> f64 {
-    0.5 * (1.0 - friction.sliding * gravity_m_s2 / a)
+    0.5 * (1.0 - friction.kinetic_coefficient() * gravity_m_s2 / a)
 }
 
 /// Mean feed under the Coulomb pump in the steady state, m/s (Quaid Eq. 10, corrected beyond z*): a T z²/4 up to z*, the
@@ -50,8 +50,8 @@ pub fn best_coulomb_pump_z(a: f64, friction: &Friction, gravity_m_s2: f64) -> f6
 /// `None` outside its validity a > μ_s g.
 #[must_use]
 pub fn coulomb_pump_feed_m_s(period_s: f64, a: f64, z: f64, friction: &Friction, gravity_m_s2: f64) -> Option<f64> {
-    let drag = friction.sliding * gravity_m_s2;
-    (a > friction.at_rest * gravity_m_s2).then(|| {
+    let drag = friction.kinetic_coefficient() * gravity_m_s2;
+    (a > friction.static_coefficient() * gravity_m_s2).then(|| {
         let coast =
             if z <= best_coulomb_pump_z(a, friction, gravity_m_s2) { z } else { (1.0 - z) * (a - drag) / (a + drag) };
         a * period_s / 4.0 * coast * coast

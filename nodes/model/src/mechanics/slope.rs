@@ -4,26 +4,22 @@
 //! relative to the tray along the slope (Quaid Eqs 11–17, corrected):
 //!
 //! - normal force per mass: N = g cos φ − a sin φ, which must not become negative;
-//! - at w = 0 the part stays at rest while |g sin φ + a cos φ| ≤ μ_s N;
-//! - sliding: ẇ = −g sin φ − a cos φ − sgn(w) μ_k N.
+//! - ẇ = −g sin φ − a cos φ, less [`friction`](super::friction).
 //!
 //! Within a segment of constant a, w is linear until it reaches zero, so every event has a closed form. Speeds are in
 //! m/s, whatever the waveform's axis: a yaw waveform acts with a = r θ̈ at radius r.
 
+use super::tray_forces::Incline;
 use super::{Friction, MechanicsError, check_slope};
 use crate::range::OutOfRange;
 use crate::waveform::Waveform;
-
-/// A part at rest still rests where the force reaches the limit of friction; this much of it is taken for rounding.
-const REST_ROUNDING: f64 = 1e-12;
 
 /// A straight track: slope, friction and gravity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Track {
     friction: Friction,
     gravity_m_s2: f64,
-    sin: f64,
-    cos: f64,
+    incline: Incline,
 }
 
 impl Track {
@@ -34,14 +30,13 @@ impl Track {
     /// If the slope is not within ±90° or gravity not positive.
     pub fn new(friction: Friction, slope_rad: f64, gravity_m_s2: f64) -> Result<Self, OutOfRange> {
         check_slope(slope_rad, gravity_m_s2)?;
-        let (sin, cos) = slope_rad.sin_cos();
-        Ok(Self { friction, gravity_m_s2, sin, cos })
+        Ok(Self { friction, gravity_m_s2, incline: Incline::new(slope_rad) })
     }
 
     /// Normal force over weight at horizontal acceleration `a_m_s2`.
     #[must_use]
     pub fn normal_over_weight(&self, a_m_s2: f64) -> f64 {
-        self.cos - a_m_s2 * self.sin / self.gravity_m_s2
+        self.incline.load(a_m_s2, self.gravity_m_s2).normal_m_s2 / self.gravity_m_s2
     }
 
     /// One waveform on this track, ready to be run. Accelerations are multiplied by `lever`: 1 on X and Y, the radius in
@@ -60,14 +55,14 @@ impl Track {
                 return Err(MechanicsError::LosesContact { acceleration_m_s2, normal_over_weight });
             }
             min_normal_over_weight = normal_over_weight.min(min_normal_over_weight);
-            Ok(self.leg(segment.duration_s, acceleration_m_s2, normal_over_weight * self.gravity_m_s2))
+            Ok(self.leg(segment.duration_s, acceleration_m_s2))
         });
         let legs = legs.collect::<Result<Vec<_>, _>>()?;
         Ok(Drive {
             legs,
             period_s: waveform.period_s(),
             min_normal_over_weight,
-            world_rest_m_s: -waveform.start_velocity() * lever * self.cos,
+            world_rest_m_s: -waveform.start_velocity() * lever * self.incline.cos,
         })
     }
 
@@ -75,9 +70,8 @@ impl Track {
     /// the distance covered relative to the tray, m. The part must stay on the tray.
     #[must_use]
     pub fn step(&self, w_m_s: f64, acceleration_m_s2: f64, duration_s: f64) -> (f64, f64) {
-        let normal_m_s2 = self.normal_over_weight(acceleration_m_s2) * self.gravity_m_s2;
         let (mut w, mut distance_m, mut left_s) = (w_m_s, 0.0, duration_s);
-        let leg = self.leg(duration_s, acceleration_m_s2, normal_m_s2);
+        let leg = self.leg(duration_s, acceleration_m_s2);
         while left_s > 0.0 {
             let phase = leg.next_phase(w, left_s);
             w = phase.to_m_s;
@@ -87,16 +81,12 @@ impl Track {
         (w, distance_m)
     }
 
-    fn leg(&self, duration_s: f64, acceleration_m_s2: f64, normal_m_s2: f64) -> Leg {
-        let drive = -self.gravity_m_s2 * self.sin - acceleration_m_s2 * self.cos;
-        let sliding = self.friction.sliding * normal_m_s2;
-        let (up, down) = (drive - sliding, drive + sliding);
-        let held = drive.abs() <= self.friction.at_rest * normal_m_s2 * (1.0 + REST_ROUNDING);
-        let from_rest = match (held, drive > 0.0) {
-            (true, _) => 0.0,
-            (false, true) => up,
-            (false, false) => down,
-        };
+    fn leg(&self, duration_s: f64, acceleration_m_s2: f64) -> Leg {
+        let load = self.incline.load(acceleration_m_s2, self.gravity_m_s2);
+        let (grip, drive) = (self.friction.grip(load.normal_m_s2), [load.along_m_s2]);
+        let [up] = grip.sliding_m_s2(drive, [1.0]);
+        let [down] = grip.sliding_m_s2(drive, [-1.0]);
+        let [from_rest] = grip.from_rest_m_s2(drive);
         Leg { duration_s, up, down, from_rest }
     }
 }

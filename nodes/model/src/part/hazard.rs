@@ -66,7 +66,7 @@ impl PartType {
     #[must_use]
     pub fn hazards(&self) -> Vec<Hazard> {
         let mut hazards = Vec::new();
-        let friction_angle_rad = self.friction_static.atan();
+        let friction_angle_rad = self.friction.static_coefficient().atan();
         for pose in &self.poses {
             let (name, tip_angle_rad) = (|| pose.name.clone(), pose.tip_angle_rad);
             if tip_angle_rad < friction_angle_rad {

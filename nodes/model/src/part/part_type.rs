@@ -5,6 +5,7 @@ use thiserror::Error;
 
 use super::{DropTable, PartSpec};
 use crate::geometry::{PartMesh, PoseError, ShapeError, StablePose, stable_poses};
+use crate::mechanics::Friction;
 use crate::range::{OutOfRange, check_range};
 
 /// How far a set of probabilities may be from summing to one.
@@ -22,10 +23,8 @@ pub struct PartType {
     pub mesh: PartMesh,
     /// Mass, kg. All parts of a bulk are alike, so no motion depends on it.
     pub mass_kg: f64,
-    /// Coefficient of static friction μ_s between part and tray.
-    pub friction_static: f64,
-    /// Coefficient of kinetic friction μ_k between part and tray, at most μ_s.
-    pub friction_kinetic: f64,
+    /// Friction between part and tray.
+    pub friction: Friction,
     /// The stable poses: first those with names of their own, in the order of the file, then by probability.
     pub poses: Vec<StablePose>,
     /// Indices of the poses in which the part is wanted.
@@ -108,7 +107,9 @@ impl PartType {
     }
 
     fn build(spec: &PartSpec) -> Result<Self, PartProblem> {
-        check_numbers(spec)?;
+        OutOfRange::unless_positive("density_kg_m3", spec.density_kg_m3)?;
+        check_range("reflectance", spec.reflectance, 0.0, 1.0)?;
+        let friction = Friction::new(spec.friction_static, spec.friction_kinetic)?;
         let mesh = spec.shape.mesh(spec.reflectance)?;
         let poses = named(stable_poses(&mesh)?, spec)?;
         let find = |name: &String| poses.iter().position(|pose| pose.name == *name);
@@ -124,8 +125,7 @@ impl PartType {
             name: spec.name.clone(),
             mass_kg: spec.density_kg_m3 * mesh.volume_m3(),
             mesh,
-            friction_static: spec.friction_static,
-            friction_kinetic: spec.friction_kinetic,
+            friction,
             dropoff: vec![estimate.clone(); poses.len()],
             poured: estimate,
             poses,
@@ -166,7 +166,8 @@ impl PartType {
     /// order of its poses.
     #[must_use]
     pub fn fingerprint(&self) -> String {
-        let mut text = format!("{:.6e} {:.6e} {:.6e}", self.mass_kg, self.friction_static, self.friction_kinetic);
+        let (at_rest, sliding) = (self.friction.static_coefficient(), self.friction.kinetic_coefficient());
+        let mut text = format!("{:.6e} {:.6e} {:.6e}", self.mass_kg, at_rest, sliding);
         for pose in &self.poses {
             let up = pose.up[0];
             text += &format!(
@@ -228,24 +229,6 @@ fn named(mut poses: Vec<StablePose>, spec: &PartSpec) -> Result<Vec<StablePose>,
         sorted.push(StablePose { name: format!("pose_{}", index + 1), ..pose });
     }
     Ok(sorted)
-}
-
-fn check_numbers(spec: &PartSpec) -> Result<(), OutOfRange> {
-    let positive = [
-        ("density_kg_m3", spec.density_kg_m3),
-        ("friction_static", spec.friction_static),
-        ("friction_kinetic", spec.friction_kinetic),
-    ];
-    for (key, value) in positive {
-        OutOfRange::unless_positive(key, value)?;
-    }
-    OutOfRange::unless(
-        spec.friction_kinetic <= spec.friction_static,
-        "friction_kinetic",
-        spec.friction_kinetic,
-        format_args!("above 0, up to friction_static = {}", spec.friction_static),
-    )?;
-    check_range("reflectance", spec.reflectance, 0.0, 1.0)
 }
 
 fn check_distribution(key: &str, probabilities: &[f64]) -> Result<(), PartProblem> {

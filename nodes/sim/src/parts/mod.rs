@@ -17,7 +17,6 @@
 mod body;
 mod bulk;
 mod contact;
-mod friction;
 mod impulse;
 mod motion_check;
 mod observer;
@@ -29,6 +28,7 @@ mod stepping;
 mod tests;
 mod touch;
 mod track;
+mod walls;
 
 pub use bulk::{Counters, Loaded, PartBulk, PutError};
 pub use motion_check::{

@@ -1,9 +1,10 @@
 //! How the parts of a bulk get on during a sample: sliding, passing the edges of the surfaces, falling and landing.
 
 use super::placement::{random_pose_after_fall, random_yaw_rad};
-use super::track::{Drive, Passage};
+use super::track::Passage;
 use super::{Part, PartBulk, Place};
 use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
+use feeder_model::mechanics::tray_forces::TrayDrive;
 use feeder_model::motion::MotionSample;
 
 /// Share of its least width that a part may move in one step; samples are split to keep to it.
@@ -23,17 +24,17 @@ const JAM_PARTS: usize = 3;
 
 impl PartBulk {
     pub(super) fn step_sample(&mut self, sample: &MotionSample, period_s: f64) {
-        let whole = Drive::new(sample, 0.0, period_s);
+        let whole = TrayDrive::new(sample, 0.0, period_s, 0.0);
         let acceleration_m_s2 = self.track.shaking_m_s2(&whole);
         if self.hold_m_s2.is_none_or(|hold_m_s2| acceleration_m_s2 > hold_m_s2) {
             self.shaken_s += period_s;
             let travel_m = (self.fastest_m_s + acceleration_m_s2 * period_s) * period_s;
             let steps = (travel_m / (STEP_SHARE * self.width_m)).ceil().clamp(1.0, MOST_STEPS);
             let step_s = period_s / steps;
-            self.advance(&Drive::new(sample, 0.0, step_s), step_s);
+            self.advance(&TrayDrive::new(sample, 0.0, step_s, 0.0), step_s);
             let mut done = 1.0;
             while done < steps {
-                self.advance(&Drive::new(sample, done * step_s, step_s), step_s);
+                self.advance(&TrayDrive::new(sample, done * step_s, step_s, 0.0), step_s);
                 done += 1.0;
             }
         }
@@ -47,7 +48,7 @@ impl PartBulk {
         }
     }
 
-    fn advance(&mut self, drive: &Drive, step_s: f64) {
+    fn advance(&mut self, drive: &TrayDrive, step_s: f64) {
         let mut farthest_m2: f64 = 0.0;
         let mut moving = false;
         for part in &mut self.parts {

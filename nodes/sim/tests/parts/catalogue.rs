@@ -44,11 +44,11 @@ fn errors_name_part_key_value_and_allowed_range() {
     for (message, expected) in [
         (
             complaint(|spec| spec.friction_kinetic = 0.25),
-            "part \"disc\": friction_kinetic = 0.25 is outside its range: above 0, up to friction_static = 0.2",
+            "part \"disc\": friction_static = 0.2 is outside its range: at least friction_kinetic = 0.25, and finite",
         ),
         (
             complaint(|spec| spec.friction_static = 0.0),
-            "part \"disc\": friction_static = 0 is outside its range: above 0 and finite",
+            "part \"disc\": friction_static = 0 is outside its range: at least friction_kinetic = 0.2, and finite",
         ),
         (
             complaint(|spec| spec.density_kg_m3 = f64::NAN),

@@ -1,5 +1,7 @@
 //! Parts in bulk against theory, tables and conservation.
 
+#[path = "../../../model/tests/rk4/mod.rs"]
+mod rk4;
 mod support;
 
 mod bulk;

@@ -1,5 +1,5 @@
-//! The bulk against an independent integrator: polar coordinates, Quaid Eqs 18–29 as they are corrected, with steps far
-//! shorter than a servo sample, and friction as an impulse capped at what stops the part.
+//! The bulk against the independent integrator of the mechanics: fourth-order Runge-Kutta in polar coordinates, with steps
+//! far shorter than a servo sample.
 
 use std::f64::consts::TAU;
 
@@ -7,67 +7,25 @@ use feeder_model::motion::{MotionBlock, MotionSample};
 use feeder_model::tray::TrayGeometry;
 use nalgebra::Vector3;
 
+use crate::rk4::Rk4;
 use crate::support::{G, YawVibration, bulk};
 
 const FRICTION: f64 = 0.2;
 
-/// A part in polar tray coordinates.
-#[derive(Clone, Copy, Debug)]
-struct Polar {
-    r: f64,
-    psi: f64,
-    r_dot: f64,
-    psi_dot: f64,
-}
-
-impl Polar {
-    /// Follows one sample in `steps` short steps, on a surface rising `pitch` per radian.
-    fn follow(&mut self, sample: &MotionSample, period_s: f64, steps: u32, pitch: f64) {
-        let h = period_s / f64::from(steps);
-        for step in 0..steps {
-            let t = (f64::from(step) + 0.5) * h;
-            let alpha = sample.acceleration.z;
-            let rate = sample.velocity.z + alpha * t;
-            let heading = sample.position.z + sample.velocity.z * t + 0.5 * alpha * t * t + self.psi;
-            let (a_x, a_y) = (sample.acceleration.x, sample.acceleration.y);
-            let a_r = a_x * heading.cos() + a_y * heading.sin();
-            let a_psi = a_y * heading.cos() - a_x * heading.sin();
-            let phi = (pitch / self.r).atan();
-
-            let omega = self.psi_dot + rate;
-            let pressing = self.r * alpha + a_psi + 2.0 * self.r_dot * omega;
-            let normal = G * phi.cos() - phi.sin() * pressing;
-            // Without friction.
-            let r_dot = self.r_dot + h * (self.r * omega * omega - a_r);
-            let r_psi_ddot = phi.cos() * (-G * phi.sin() - phi.cos() * pressing);
-            let psi_dot = self.psi_dot + h * r_psi_ddot / self.r;
-            // Friction impulse, at most what stops the part relative to the surface.
-            let w = [r_dot, self.r * psi_dot / phi.cos()];
-            let speed = w[0].hypot(w[1]);
-            let kept = (1.0 - FRICTION * normal * h / speed.max(1e-300)).max(0.0);
-            self.r_dot = w[0] * kept;
-            self.psi_dot = w[1] * kept * phi.cos() / self.r;
-            self.r += self.r_dot * h;
-            self.psi += self.psi_dot * h;
-        }
-    }
-}
-
 /// Runs bulk and reference through the same motion. Returns how far apart they end (m) and how far the part went (m).
 fn compare(block: &MotionBlock, radius_m: f64, angle_rad: f64, steps: u32) -> (f64, f64) {
     let tray = TrayGeometry::PAPER;
-    let pitch = if angle_rad < tray.ramp_angle_rad { tray.pitch_m_per_rad() } else { 0.0 };
     let mut bulk = bulk(0.002, 1);
     bulk.put(radius_m, angle_rad, 0.0, 0).expect("room");
     bulk.step(block).expect("sound motion");
     let part = bulk.parts()[0];
-    let mut polar = Polar { r: radius_m, psi: angle_rad, r_dot: 0.0, psi_dot: 0.0 };
-    for sample in &block.samples {
-        polar.follow(sample, block.sample_period_s, steps, pitch);
-    }
-    let around = (part.angle_rad() - polar.psi + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0;
-    let apart = (part.radius_m() - polar.r).hypot(polar.r * around);
-    let went = (polar.r - radius_m).hypot(radius_m * (polar.psi - angle_rad));
+    let reference = Rk4 { tray, friction: FRICTION, gravity_m_s2: G };
+    let sample_s = block.sample_period_s;
+    let follow = |state, sample| reference.follow(state, sample, sample_s, sample_s / f64::from(steps));
+    let [r, psi, ..] = block.samples.iter().fold([radius_m, angle_rad, 0.0, 0.0], follow);
+    let around = (part.angle_rad() - psi + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0;
+    let apart = (part.radius_m() - r).hypot(r * around);
+    let went = (r - radius_m).hypot(radius_m * (psi - angle_rad));
     (apart, went)
 }
 
