@@ -2,9 +2,9 @@
 
 use super::{Scenario, ScenarioError, invalid};
 use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
+use feeder_model::mechanics::MechanicsError;
 use feeder_model::mechanics::annular::AnnularTrack;
 use feeder_model::mechanics::map::TrayMap;
-use feeder_model::mechanics::MechanicsError;
 use feeder_model::part::PartType;
 use feeder_sim::parts::{BulkSettings, check_fit};
 

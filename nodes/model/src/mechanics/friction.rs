@@ -21,6 +21,10 @@ use crate::range::OutOfRange;
 /// Share of the largest friction at rest that is taken for rounding.
 const REST_ROUNDING: f64 = 1e-12;
 
+/// A body that comes to a stop takes what moves it across its old direction to rest with it, up to this share of the speed
+/// it had: friction brakes both, and hardly anything is left across where the direction hardly turned.
+const STRAIGHT: f64 = 0.5;
+
 /// Coulomb friction between part and tray.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Coefficients", into = "Coefficients")]
@@ -165,9 +169,10 @@ impl Grip {
     /// friction.
     ///
     /// Friction turns round within a step where the body does: the step is split at the instant the motion along the old
-    /// direction ends, and what is at rest may stay there. Where all vectors are parallel, the result is the closed-form
-    /// solution; else friction acts along the velocity it leaves (backward Euler), so it never does positive work: the
-    /// change of kinetic energy minus the work of the drive over the displacement is at most zero.
+    /// direction ends. There the body stays if friction holds the drive, unless the drive has made it swerve meanwhile.
+    /// Where all vectors are parallel, the result is the closed-form solution; else friction acts along the velocity it
+    /// leaves (backward Euler), so it never does positive work: the change of kinetic energy minus the work of the drive
+    /// over the displacement is at most zero.
     #[must_use]
     #[inline]
     pub fn slide<const N: usize>(&self, velocity_m_s: [f64; N], drive_m_s2: [f64; N], step_s: f64) -> Slide<N> {
@@ -185,8 +190,7 @@ impl Grip {
         // What the drive across the old direction has built up meanwhile; zero in one dimension.
         let across: [f64; N] = from_fn(|i| (drive_m_s2[i] - along * velocity_m_s[i] / speed) * until_turn_s);
         let before_turn: [f64; N] = from_fn(|i| 0.5 * (velocity_m_s[i] + across[i]) * until_turn_s);
-        let impulse_needed: [f64; N] = from_fn(|i| across[i] + drive_m_s2[i] * rest_s);
-        let after = if norm(impulse_needed) <= self.at_rest_m_s2 * rest_s {
+        let after = if self.holds(drive_m_s2) && norm(across) <= STRAIGHT * speed {
             Slide::REST
         } else {
             self.coast(across, drive_m_s2, rest_s)
