@@ -21,8 +21,8 @@ use crate::range::OutOfRange;
 /// Share of the largest friction at rest that is taken for rounding.
 const REST_ROUNDING: f64 = 1e-12;
 
-/// A body that comes to a stop takes what moves it across its old direction to rest with it, up to this share of the speed
-/// it had: friction brakes both, and hardly anything is left across where the direction hardly turned.
+/// A body that comes to a stop takes what moves it across its old direction to rest with it, up to this share of what
+/// friction takes off a speed within the step: friction brakes both, and little is left across where little drives it there.
 const STRAIGHT: f64 = 0.5;
 
 /// Coulomb friction between part and tray.
@@ -190,7 +190,7 @@ impl Grip {
         // What the drive across the old direction has built up meanwhile; zero in one dimension.
         let across: [f64; N] = from_fn(|i| (drive_m_s2[i] - along * velocity_m_s[i] / speed) * until_turn_s);
         let before_turn: [f64; N] = from_fn(|i| 0.5 * (velocity_m_s[i] + across[i]) * until_turn_s);
-        let after = if self.holds(drive_m_s2) && norm(across) <= STRAIGHT * speed {
+        let after = if self.holds(drive_m_s2) && norm(across) <= STRAIGHT * self.sliding_m_s2 * step_s {
             Slide::REST
         } else {
             self.coast(across, drive_m_s2, rest_s)
