@@ -10,8 +10,9 @@
 
 use std::f64::consts::TAU;
 
+use super::check_slope;
+use super::friction::{Friction, Swerve};
 use super::tray_forces::{Incline, TrayDrive};
-use super::{Friction, check_slope};
 use crate::motion::MotionSample;
 use crate::range::OutOfRange;
 use crate::tray::TrayGeometry;
@@ -144,7 +145,7 @@ impl AnnularTrack {
         let load = incline.load(2.0 * outward * spin - felt[1], self.gravity_m_s2);
         let drive = [felt[0] + around * spin, load.along_m_s2 + outward * spin * incline.cos];
         let grip = self.friction.grip(load.normal_m_s2.max(0.0));
-        let slid = grip.slide([outward, part.along_m_s], self.borne(part, drive), sample_s);
+        let slid = grip.slide([outward, part.along_m_s], self.borne(part, drive), sample_s, Swerve::Neglected);
 
         part.radius_m = r + slid.displacement_m[0];
         part.angle_rad += slid.displacement_m[1] * incline.cos / (r + slid.displacement_m[0] / 2.0);

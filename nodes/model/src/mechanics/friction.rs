@@ -21,9 +21,15 @@ use crate::range::OutOfRange;
 /// Share of the largest friction at rest that is taken for rounding.
 const REST_ROUNDING: f64 = 1e-12;
 
-/// A body that comes to a stop takes what moves it across its old direction to rest with it, up to this share of what
-/// friction takes off a speed within the step: friction brakes both, and little is left across where little drives it there.
-const STRAIGHT: f64 = 0.5;
+/// What becomes of a body whose motion along its old direction ends within a step while the drive has begun to move it
+/// across. With fine steps there is no difference; with coarse ones each suits one kind of motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Swerve {
+    /// It stays if friction holds the drive: for motion that all but keeps to a line, which a step then solves at any length.
+    Neglected,
+    /// It stays if friction can also take up what moves it across within the rest of the step: for any motion.
+    Followed,
+}
 
 /// Coulomb friction between part and tray.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -169,13 +175,19 @@ impl Grip {
     /// friction.
     ///
     /// Friction turns round within a step where the body does: the step is split at the instant the motion along the old
-    /// direction ends. There the body stays if friction holds the drive, unless the drive has made it swerve meanwhile.
+    /// direction ends. Whether the body stays there is for friction at rest to say, and for `swerve` where the drive has begun to move it across.
     /// Where all vectors are parallel, the result is the closed-form solution; else friction acts along the velocity it
     /// leaves (backward Euler), so it never does positive work: the change of kinetic energy minus the work of the drive
     /// over the displacement is at most zero.
     #[must_use]
     #[inline]
-    pub fn slide<const N: usize>(&self, velocity_m_s: [f64; N], drive_m_s2: [f64; N], step_s: f64) -> Slide<N> {
+    pub fn slide<const N: usize>(
+        &self,
+        velocity_m_s: [f64; N],
+        drive_m_s2: [f64; N],
+        step_s: f64,
+        swerve: Swerve,
+    ) -> Slide<N> {
         let speed = norm(velocity_m_s);
         if speed == 0.0 {
             return if self.holds(drive_m_s2) { Slide::REST } else { self.coast(velocity_m_s, drive_m_s2, step_s) };
@@ -190,11 +202,14 @@ impl Grip {
         // What the drive across the old direction has built up meanwhile; zero in one dimension.
         let across: [f64; N] = from_fn(|i| (drive_m_s2[i] - along * velocity_m_s[i] / speed) * until_turn_s);
         let before_turn: [f64; N] = from_fn(|i| 0.5 * (velocity_m_s[i] + across[i]) * until_turn_s);
-        let after = if self.holds(drive_m_s2) && norm(across) <= STRAIGHT * self.sliding_m_s2 * step_s {
-            Slide::REST
-        } else {
-            self.coast(across, drive_m_s2, rest_s)
+        let stays = match swerve {
+            Swerve::Neglected => self.holds(drive_m_s2),
+            Swerve::Followed => {
+                let impulse_needed: [f64; N] = from_fn(|i| across[i] + drive_m_s2[i] * rest_s);
+                norm(impulse_needed) <= self.at_rest_m_s2 * rest_s
+            }
         };
+        let after = if stays { Slide::REST } else { self.coast(across, drive_m_s2, rest_s) };
         Slide {
             velocity_m_s: after.velocity_m_s,
             displacement_m: from_fn(|i| before_turn[i] + after.displacement_m[i]),
@@ -275,14 +290,14 @@ mod tests {
 
     #[test]
     fn the_static_window_is_closed_and_tried_at_exactly_zero() {
-        assert_eq!(grip(2.0, 1.0).slide([0.0; 2], [1.2, 1.6], 1e-3), Slide::REST);
-        let started = grip(2.0, 1.0).slide([0.0; 2], [1.2, 1.7], 1e-3);
+        assert_eq!(grip(2.0, 1.0).slide([0.0; 2], [1.2, 1.6], 1e-3, Swerve::Followed), Slide::REST);
+        let started = grip(2.0, 1.0).slide([0.0; 2], [1.2, 1.7], 1e-3, Swerve::Followed);
         assert!(started.velocity_m_s[0] > 0.0);
         // Kinetic, not static friction holds it back once it moves: |drive| − 1.
         let speed = norm(started.velocity_m_s);
         assert!((speed - (1.2_f64.hypot(1.7) - 1.0) * 1e-3).abs() < 1e-15);
         // A speed of 1 nm/s is not zero: within the static window it still slides until friction has stopped it.
-        let creeping = grip(2.0, 1.0).slide([1e-9, 0.0], [1.5, 0.0], 1e-3);
+        let creeping = grip(2.0, 1.0).slide([1e-9, 0.0], [1.5, 0.0], 1e-3, Swerve::Followed);
         assert!((creeping.velocity_m_s[0] - (1e-9 + 0.5e-3)).abs() < 1e-15);
     }
 
@@ -295,7 +310,7 @@ mod tests {
                 grip.holds([0.3 * normal_m_s2 * (1.0 + 1e-13)]) && !grip.holds([0.3 * normal_m_s2 * (1.0 + 1e-11)])
             );
         }
-        let stopped = friction.grip(10.0).slide([1e-3], [-3.0], 1e-3);
+        let stopped = friction.grip(10.0).slide([1e-3], [-3.0], 1e-3, Swerve::Followed);
         assert!(stopped.at_rest(), "{stopped:?}");
     }
 
@@ -309,12 +324,12 @@ mod tests {
     #[test]
     fn verif_one_dimension_is_the_closed_form() {
         // Slides at 1 mm/s against drive −3 and grip 1: stops after 0.25 ms, then is driven back at −2 for 0.75 ms.
-        let turned = grip(1.0, 1.0).slide([1e-3, 0.0], [-3.0, 0.0], 1e-3);
+        let turned = grip(1.0, 1.0).slide([1e-3, 0.0], [-3.0, 0.0], 1e-3, Swerve::Followed);
         assert!((turned.velocity_m_s[0] + 1.5e-3).abs() < 1e-15);
         let expected = 0.5 * 1e-3 * 0.25e-3 - 0.5 * 2.0 * 0.75e-3 * 0.75e-3;
         assert!((turned.displacement_m[0] - expected).abs() < 1e-18);
         // Within the window it stays where it stopped.
-        let stopped = grip(1.0, 1.0).slide([1e-3, 0.0], [-1.0, 0.0], 1e-3);
+        let stopped = grip(1.0, 1.0).slide([1e-3, 0.0], [-1.0, 0.0], 1e-3, Swerve::Followed);
         assert!(stopped.at_rest());
         assert!((stopped.displacement_m[0] - 0.5 * 1e-3 * 0.5e-3).abs() < 1e-18);
     }
@@ -322,9 +337,9 @@ mod tests {
     #[test]
     fn a_turn_tries_the_static_window() {
         // Between the kinetic grip of 1 and the static one of 2, a body that comes to a stop stays there.
-        assert!(grip(2.0, 1.0).slide([1e-3, 0.0], [-1.5, 0.0], 1e-3).at_rest());
+        assert!(grip(2.0, 1.0).slide([1e-3, 0.0], [-1.5, 0.0], 1e-3, Swerve::Followed).at_rest());
         // But not while it still moves across: 0.95 mm/s built up in the 0.5 ms before the turn.
-        let swerved = grip(2.0, 2.0).slide([1e-3, 0.0], [0.0, 1.9], 0.51e-3);
+        let swerved = grip(2.0, 2.0).slide([1e-3, 0.0], [0.0, 1.9], 0.51e-3, Swerve::Followed);
         assert!(swerved.velocity_m_s[1] > 0.9e-3);
     }
 
@@ -337,7 +352,7 @@ mod tests {
             let mut w = velocity;
             let mut time_s = 0.0;
             while norm(w) > 0.0 {
-                w = grip(strength, strength).slide(w, drive, step_s).velocity_m_s;
+                w = grip(strength, strength).slide(w, drive, step_s, Swerve::Followed).velocity_m_s;
                 time_s += step_s;
             }
             time_s
@@ -373,7 +388,7 @@ mod tests {
             extra in 0.0..5.0_f64,
             step_s in 1e-6..5e-3_f64,
         ) {
-            let slid = grip(kinetic + extra, kinetic).slide(w, d, step_s);
+            let slid = grip(kinetic + extra, kinetic).slide(w, d, step_s, Swerve::Followed);
             let gained = 0.5 * (dot(slid.velocity_m_s, slid.velocity_m_s) - dot(w, w));
             let friction_work = gained - dot(d, slid.displacement_m);
             prop_assert!(friction_work <= 1e-13, "friction did {friction_work} J/kg");
@@ -386,7 +401,7 @@ mod tests {
             strength in 0.1..10.0_f64,
         ) {
             let drive = [share * strength * angle.cos(), share * strength * angle.sin()];
-            prop_assert_eq!(grip(strength, strength / 2.0).slide([0.0; 2], drive, 5e-4), Slide::REST);
+            prop_assert_eq!(grip(strength, strength / 2.0).slide([0.0; 2], drive, 5e-4, Swerve::Followed), Slide::REST);
         }
 
         #[test]
@@ -394,8 +409,8 @@ mod tests {
             w in prop::array::uniform2(-0.5..0.5_f64), d in prop::array::uniform2(-20.0..20.0_f64), sliding in 0.0..10.0_f64,
         ) {
             let grip = grip(sliding, sliding);
-            let one = grip.slide(w, d, 5e-4).velocity_m_s;
-            let other = grip.slide([w[0], -w[1]], [d[0], -d[1]], 5e-4).velocity_m_s;
+            let one = grip.slide(w, d, 5e-4, Swerve::Followed).velocity_m_s;
+            let other = grip.slide([w[0], -w[1]], [d[0], -d[1]], 5e-4, Swerve::Followed).velocity_m_s;
             prop_assert!(norm([one[0] - other[0], one[1] + other[1]]) < 1e-15);
         }
     }

@@ -4,7 +4,7 @@ use nalgebra::{Vector2, Vector3};
 
 use crate::motor::MotorParameters;
 use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
-use feeder_model::mechanics::friction::Grip;
+use feeder_model::mechanics::friction::{Grip, Swerve};
 use feeder_model::motor::Wrench;
 
 /// All sliding parts lumped into a ring on the tray, held by Coulomb friction alone, in translation and in rotation.
@@ -45,12 +45,12 @@ impl Slider {
         }
         let grip = Grip::uniform(sliding_friction * STANDARD_GRAVITY_M_S2);
         let slip_m_s: [f64; 2] = (self.velocity_m_s - tray.xy()).into();
-        let dragged_m_s =
-            Vector2::from(slip_m_s) - Vector2::from(grip.slide(slip_m_s, [0.0; 2], duration_s).velocity_m_s);
+        let dragged_m_s = Vector2::from(slip_m_s)
+            - Vector2::from(grip.slide(slip_m_s, [0.0; 2], duration_s, Swerve::Followed).velocity_m_s);
         self.velocity_m_s -= dragged_m_s;
         // The ring turns at its own radius, so its speed there is what friction brakes.
         let slip_m_s = (self.turn_rad_s - tray.z) * sliding_radius_m;
-        let [kept_m_s] = grip.slide([slip_m_s], [0.0], duration_s).velocity_m_s;
+        let [kept_m_s] = grip.slide([slip_m_s], [0.0], duration_s, Swerve::Followed).velocity_m_s;
         let turned_m_s = slip_m_s - kept_m_s;
         self.turn_rad_s -= turned_m_s / sliding_radius_m;
         let wrench = Wrench::new(dragged_m_s.x, dragged_m_s.y, sliding_radius_m * turned_m_s);

@@ -10,7 +10,7 @@ use super::touch::Scratch;
 use super::walls::Walls;
 use crate::parts::{BulkSettings, Part, Place};
 use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
-use feeder_model::mechanics::friction::{Affine, Friction, Grip, held_up_to_m_s2};
+use feeder_model::mechanics::friction::{Affine, Friction, Grip, Swerve, held_up_to_m_s2};
 use feeder_model::mechanics::tray_forces::{Incline, TrayDrive};
 use feeder_model::part::PartType;
 use feeder_model::tray::TrayGeometry;
@@ -107,7 +107,7 @@ impl Track {
             return None;
         }
         let velocity = [velocity[0], velocity[1], gyration_m * part.yaw_rate_rad_s];
-        let slid = self.level_grip.slide(velocity, drive, step_s);
+        let slid = self.level_grip.slide(velocity, drive, step_s, Swerve::Followed);
         part.x_m += slid.displacement_m[0];
         part.y_m += slid.displacement_m[1];
         [part.velocity_x_m_s, part.velocity_y_m_s, _] = slid.velocity_m_s;
@@ -138,7 +138,7 @@ impl Track {
             return None;
         }
         let velocity = [outward, around * incline.stretch, gyration_m * part.yaw_rate_rad_s];
-        let slid = grip.slide(velocity, drive, step_s);
+        let slid = grip.slide(velocity, drive, step_s, Swerve::Followed);
         let moved = [slid.displacement_m[0], slid.displacement_m[1] * incline.cos];
         let [x_m, y_m] = from_axes(moved);
         part.x_m += x_m;
