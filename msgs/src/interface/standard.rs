@@ -19,7 +19,7 @@ pub const CLOCK: TopicSpec<Clock> = TopicSpec::new(GLOBAL, "clock", Qos::sensor(
 pub const DIAGNOSTICS: TopicSpec<DiagnosticArray> = TopicSpec::new(GLOBAL, "diagnostics", Qos::command()).between(
     &[EVERY_NODE],
     &[User::Outside("viewers")],
-    "Once a second: how the courier fares; what each node's endpoints have lost or refused",
+    "Once a second: how courier and selector fare; what each node's endpoints have lost or refused",
 );
 
 /// What nodes log. Late readers get up to a thousand earlier lines, as rcl does it.

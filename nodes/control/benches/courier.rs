@@ -22,7 +22,10 @@ fn servo(criterion: &mut Criterion) {
         let mut driver = SimulatedCourier { config, motor }.driver(1).unwrap();
         driver.set_waveform(&waveform, true).unwrap();
         criterion.bench_function(&format!("20 servo ticks, {name} motor"), |bencher| {
-            bencher.iter(|| black_box(driver.step(20)));
+            bencher.iter(|| {
+                black_box(driver.step(20));
+                driver.motor_mut().take_block()
+            });
         });
     }
 }

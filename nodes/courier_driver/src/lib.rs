@@ -1,24 +1,26 @@
-//! The courier driver: runs the waveform and the trajectories it is given, and tells how the courier moves.
+//! The courier driver: runs the waveform and the trajectories it is given, and tells how the courier moves, as far as its
+//! sensor and its commands can tell.
+//!
+//! The motor that it drives is set up in the module `machine`, and nowhere else does this node name it.
 //!
 //! What is published in a tick is the motion of the tick before it: stamps are never in the future.
 
+mod machine;
 mod messages;
 
 use std::time::Duration;
 
-use feeder_control::courier::{Commander, DriverEvent, DriverStatus, GoalHandle, Rejection, VibrationPhase};
-use feeder_model::motion::MotionBlock;
+use feeder_control::courier::{self, Commander, DriverEvent, DriverStatus, GoalHandle, Rejection, VibrationPhase};
 use feeder_model::seed::seed_for;
 use feeder_runtime::node::{
     ActionServer, ActionServerPorts, Declare, FeederNode, GoalId, GoalRequest, Lifecycle, LifecyclePorts,
     LifecycleState, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber,
 };
-use feeder_scenario::SimulatedDriver;
 use feeder_scenario::plan::{CourierDriverConfig, NodeConfig};
 use feeder_wire::{nodes, services, topics, trajectory};
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectory, FollowJointTrajectoryResult};
 use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
-use minifactory_msgs::msg::{self, CourierState, DeliveryState, TrayMotion};
+use minifactory_msgs::msg::{self, CourierState, DeliveryState};
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::JointState;
 use minifactory_msgs::std_msgs::msg::Header;
@@ -36,12 +38,12 @@ pub struct Ports {
     topics: Topics,
     services: Services,
     trajectory: ActionServerPorts<FollowJointTrajectory>,
+    truth: machine::TruthPort,
 }
 
 struct Topics {
     waveform: Subscriber<msg::Waveform>,
     delivery_state: Subscriber<DeliveryState>,
-    motion: Publisher<TrayMotion>,
     odometry: Publisher<Odometry>,
     joint_states: Publisher<JointState>,
     state: Publisher<CourierState>,
@@ -63,10 +65,10 @@ pub struct CourierDriver {
     services: Services,
     lifecycle: Lifecycle,
     trajectory: ActionServer<FollowJointTrajectory>,
-    driver: SimulatedDriver,
+    driver: courier::CourierDriver<machine::Motor>,
+    truth: machine::Truth,
     servo_ticks: usize,
     tick: Duration,
-    sequence: u32,
     name: String,
     names: messages::Names,
     tray_height_m: f64,
@@ -98,7 +100,6 @@ impl FeederNode for CourierDriver {
             topics: Topics {
                 waveform: io.subscriber(&topics::WAVEFORM),
                 delivery_state: io.subscriber(&topics::DELIVERY_STATE),
-                motion: io.publisher(&topics::TRAY_MOTION),
                 odometry: io.publisher(&topics::ODOMETRY),
                 joint_states: io.publisher(&topics::JOINT_STATES),
                 state: io.publisher(&topics::COURIER_STATE),
@@ -113,12 +114,15 @@ impl FeederNode for CourierDriver {
                 reset_fault: io.server(&services::RESET_FAULT),
             },
             trajectory: io.action_server(&services::FOLLOW_JOINT_TRAJECTORY),
+            truth: machine::declare(io),
         }
     }
 
     fn open(ports: Ports, config: &CourierDriverConfig) -> Result<Self, NodeError> {
         let seed = seed_for(config.seed, Self::NAME);
-        let mut driver = config.simulated_courier().driver(seed).map_err(NodeError::new)?;
+        let courier = config.simulated_courier();
+        let motor = machine::connect(&courier, seed)?;
+        let mut driver = courier::CourierDriver::with_motor(courier.config, motor).map_err(NodeError::new)?;
         driver.set_active(false);
         #[expect(
             clippy::cast_possible_truncation,
@@ -133,8 +137,8 @@ impl FeederNode for CourierDriver {
             trajectory: ActionServer::new(ports.trajectory),
             driver,
             servo_ticks,
+            truth: machine::Truth::new(ports.truth, Self::tick(config)),
             tick: Self::tick(config),
-            sequence: 0,
             name: format!("/{}/{}", config.feeder, Self::NAME),
             names: messages::Names::new(&config.feeder),
             tray_height_m: config.tray_floor_height_m,
@@ -157,7 +161,7 @@ impl FeederNode for CourierDriver {
         if io.tick() == 0 {
             io.publish(&self.topics.tf_static, &self.names.static_transforms(io.stamp(), self.tray_height_m));
         } else {
-            self.publish_motion(io, &output.block);
+            self.truth.publish(io, self.driver.motor_mut());
         }
         self.publish_state(io, &output.status);
         for event in output.events {
@@ -169,16 +173,6 @@ impl FeederNode for CourierDriver {
 }
 
 impl CourierDriver {
-    fn publish_motion(&mut self, io: &mut StepIo, block: &MotionBlock) {
-        let started_ns = io.now_ns().saturating_sub(u64::try_from(self.tick.as_nanos()).unwrap_or(0));
-        let mut message = feeder_wire::tray_motion::to_message(block);
-        message.header.stamp = feeder_runtime::node::stamp_of_ns(started_ns);
-        "platen".clone_into(&mut message.header.frame_id);
-        message.sequence = self.sequence;
-        self.sequence += 1;
-        io.publish(&self.topics.motion, &message);
-    }
-
     fn publish_state(&self, io: &mut StepIo, status: &DriverStatus) {
         let stamp = io.stamp();
         io.publish(&self.topics.odometry, &self.names.odometry(stamp, status));

@@ -4,7 +4,7 @@ use feeder_control::courier::{AXES, DriverStatus, GoalOutcome, VibrationPhase};
 use feeder_runtime::node::GoalEnd;
 use feeder_wire::frames;
 use feeder_wire::joints::{self, Joint};
-use feeder_wire::pose::planar_pose;
+use feeder_wire::odometry::{self, EstimatedMotion};
 use minifactory_msgs::builtin_interfaces::msg::Time;
 use minifactory_msgs::control_msgs::action::{FollowJointTrajectoryFeedback, FollowJointTrajectoryResult};
 use minifactory_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
@@ -14,6 +14,8 @@ use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
 use minifactory_msgs::trajectory_msgs::msg::JointTrajectoryPoint;
 use nalgebra::Vector3 as Motion;
+
+use crate::machine::HARDWARE_ID;
 
 /// Names of the feeder's frames.
 pub(crate) struct Names {
@@ -26,20 +28,19 @@ impl Names {
         Self { courier: format!("{feeder}/courier"), tray: format!("{feeder}/tray") }
     }
 
-    /// Pose of the courier on the platen, and its velocity in the courier's own frame, as the message defines it.
+    /// Pose and velocity of the courier as estimated for the end of the step.
     pub(crate) fn odometry(&self, stamp: Time, status: &DriverStatus) -> Odometry {
-        let (position, velocity) = (status.position, status.velocity);
-        let (sin, cos) = position.z.sin_cos();
-        let mut message = Odometry {
+        let motion = EstimatedMotion {
+            position: status.position,
+            velocity: status.velocity,
+            position_variance: status.position_variance,
+            velocity_variance: status.velocity_variance,
+        };
+        Odometry {
             header: Header { stamp, frame_id: "platen".to_owned() },
             child_frame_id: self.courier.clone(),
-            ..Odometry::default()
-        };
-        message.pose.pose = planar_pose(position.x, position.y, 0.0, position.z);
-        message.twist.twist.linear.x = cos * velocity.x + sin * velocity.y;
-        message.twist.twist.linear.y = cos * velocity.y - sin * velocity.x;
-        message.twist.twist.angular.z = velocity.z;
-        message
+            ..odometry::to_message(&motion)
+        }
     }
 
     /// Where the courier is on the platen.
@@ -131,6 +132,6 @@ pub(crate) fn diagnostics(stamp: Time, name: &str, state: &str, status: &DriverS
     ];
     let values = values.map(|(key, value)| KeyValue { key: key.to_owned(), value }).to_vec();
     let status =
-        DiagnosticStatus { level, name: name.to_owned(), message, hardware_id: "simulated courier".to_owned(), values };
+        DiagnosticStatus { level, name: name.to_owned(), message, hardware_id: HARDWARE_ID.to_owned(), values };
     DiagnosticArray { header: Header { stamp, frame_id: String::new() }, status: vec![status] }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
 
-use run_monitor::{Activity, FeederProgress, Progress};
+use run_monitor::{Activity, FeederProgress, OdometryScore, Progress};
 use serde::Serialize;
 
 /// The outcome of a run. Counts and slip are by ground truth.
@@ -39,6 +39,8 @@ pub struct Summary {
     parts_lost: u32,
     /// Parts picked twice.
     parts_doubled: u32,
+    /// How well the drivers knew where their couriers were; null: nothing was compared.
+    odometry: Option<Odometry>,
     /// How couriers that share the platen kept apart; null: they do not.
     platen: Option<Platen>,
     /// Simulated time, s.
@@ -108,6 +110,42 @@ impl Feeding {
     }
 }
 
+/// Odometry against the truth, and against it what the drivers said of themselves.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct Odometry {
+    /// Distance from the true position, m: the largest, and root mean square.
+    error_m_max: f64,
+    error_m_rms: f64,
+    /// Difference from the true yaw, rad: the largest, and root mean square.
+    error_rad_max: f64,
+    error_rad_rms: f64,
+    /// Largest distance from the set point, m, and yaw from it, rad, by the drivers' own figures.
+    tracking_m_max: f64,
+    tracking_rad_max: f64,
+}
+
+impl Odometry {
+    fn of(score: &OdometryScore) -> Self {
+        Self {
+            error_m_max: score.error_m_max,
+            error_m_rms: score.error_m_rms(),
+            error_rad_max: score.error_rad_max,
+            error_rad_rms: score.error_rad_rms(),
+            tracking_m_max: score.tracking_m_max,
+            tracking_rad_max: score.tracking_rad_max,
+        }
+    }
+
+    fn rows(&self, row: &mut impl FnMut(&str, String) -> fmt::Result) -> fmt::Result {
+        row("odometry off the truth, largest", format!("{:.1} µm", 1e6 * self.error_m_max))?;
+        row("  rms", format!("{:.1} µm", 1e6 * self.error_m_rms))?;
+        row("  yaw, largest", format!("{:.1} µrad", 1e6 * self.error_rad_max))?;
+        row("  yaw, rms", format!("{:.1} µrad", 1e6 * self.error_rad_rms))?;
+        row("off the set point, says the driver", format!("{:.1} µm", 1e6 * self.tracking_m_max))?;
+        row("  yaw", format!("{:.1} µrad", 1e6 * self.tracking_rad_max))
+    }
+}
+
 /// How couriers kept apart, from where they were in each tick.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct Platen {
@@ -172,6 +210,7 @@ impl Summary {
             failed: failed.collect(),
             parts_lost: progress.sum(|feeder| feeder.parts_lost),
             parts_doubled: progress.sum(|feeder| feeder.parts_doubled),
+            odometry: Some(progress.odometry()).filter(|score| score.compared > 0).as_ref().map(Odometry::of),
             platen: is_shared.then_some(Platen {
                 couriers_closest_m: progress.couriers_closest_m,
                 collisions: progress.collisions,
@@ -214,6 +253,9 @@ impl fmt::Display for Summary {
         }
         for (outcome, count) in &self.failed {
             row(&format!("deliveries failed: {outcome}"), count.to_string())?;
+        }
+        if let Some(odometry) = &self.odometry {
+            odometry.rows(&mut row)?;
         }
         if let Some(platen) = &self.platen {
             if let Some(closest_m) = platen.couriers_closest_m {

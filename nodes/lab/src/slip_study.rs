@@ -121,6 +121,7 @@ impl Bench {
         run_for(&mut driver, LEARNING_S);
         driver.set_waveform(&scenario.waveform()?, false)?;
         while !driver.step(20).status.at_rest() {}
+        driver.motor_mut().take_block();
         let friction = scenario.part_type()?.friction.static_coefficient();
         let gentle = GentleParameters { friction, friction_share, ..GentleParameters::default() };
         let planner = MovePlanner::new(gentle, scenario.tray.geometry, config.limits, config.load)?;
@@ -157,7 +158,7 @@ impl Bench {
         let mut slips_um = vec![0.0_f64; before.len()];
         loop {
             let step = self.driver.step(20);
-            bulk.step(&step.block)?;
+            bulk.step(&self.driver.motor_mut().take_block())?;
             for (slip_um, (part, start)) in slips_um.iter_mut().zip(bulk.parts().iter().zip(&before)) {
                 *slip_um = slip_um.max((part.position_m() - start.position_m()).norm() * 1e6);
             }

@@ -1,4 +1,4 @@
-//! Motion of the tray in the platen frame, as the courier driver publishes it and the part simulator consumes it.
+//! True motion of the tray in the platen frame, as the simulated motor records it and the part simulator consumes it.
 
 use nalgebra::Vector3;
 

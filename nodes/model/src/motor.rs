@@ -8,7 +8,7 @@ use crate::range::{OutOfRange, check_range};
 /// Force along x and y (N) and torque about z (N m).
 pub type Wrench = Vector3<f64>;
 
-/// The hardware side of the servo loop.
+/// The hardware side of the servo loop: all that a driver can do to a motor, and all that it can know of it.
 pub trait PlanarMotor {
     /// Applies `command` for `duration_s`, the time to the next servo tick.
     fn step(&mut self, command: Wrench, duration_s: f64);
@@ -19,9 +19,6 @@ pub trait PlanarMotor {
 
     /// Switches the air of the bearings. Without air the courier's magnets clamp it to the platen.
     fn set_air(&mut self, on: bool);
-
-    /// Position and velocity now: the truth in a simulation, the best estimate on hardware.
-    fn motion(&self) -> (Vector3<f64>, Vector3<f64>);
 }
 
 /// What the tray carries, added to the courier's own mass and inertia.

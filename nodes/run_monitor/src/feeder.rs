@@ -10,14 +10,17 @@ use feeder_runtime::node::{Declare, Publisher, StepIo, Subscriber, ns_of_stamp};
 use feeder_scenario::plan::RunMonitorConfig;
 use feeder_wire::{delivery, topics};
 use minifactory_msgs::msg::{
-    DeliveryState, FeedMetrics, PartCandidate, PartCandidates, PartStates, PickEvent, RunProgress,
+    CourierState, DeliveryState, FeedMetrics, PartCandidate, PartCandidates, PartStates, PickEvent, RunProgress,
+    TrayMotion,
 };
+use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::std_msgs::msg::Header;
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 
 use crate::feed::FeedScore;
 use crate::progress::{Activity, FeederProgress};
 use crate::truth::Truth;
+use crate::whereabouts::Whereabouts;
 
 /// Time between messages on how well the feeder feeds, ns.
 const METRICS_NS: u64 = 1_000_000_000;
@@ -28,6 +31,9 @@ pub(crate) struct Ports {
     part_candidates: Subscriber<PartCandidates>,
     delivery: Subscriber<DeliveryState>,
     picks: Subscriber<PickEvent>,
+    motion: Subscriber<TrayMotion>,
+    odometry: Subscriber<Odometry>,
+    courier: Subscriber<CourierState>,
     progress: Publisher<RunProgress>,
     metrics: Publisher<FeedMetrics>,
 }
@@ -40,6 +46,9 @@ impl Ports {
             part_candidates: io.subscriber_in(&namespace, &topics::PART_CANDIDATES),
             delivery: io.subscriber_in(&namespace, &topics::DELIVERY_STATE),
             picks: io.subscriber_in(&namespace, &topics::PICKS),
+            motion: io.subscriber_in(&namespace, &topics::TRAY_MOTION),
+            odometry: io.subscriber_in(&namespace, &topics::ODOMETRY),
+            courier: io.subscriber_in(&namespace, &topics::COURIER_STATE),
             progress: io.publisher_in(&namespace, &topics::PROGRESS),
             metrics: io.publisher_in(&namespace, &topics::FEED_METRICS),
         }
@@ -53,6 +62,7 @@ pub(crate) struct FeederMonitor {
     wanted_poses: Vec<u8>,
     part_radius_m: f64,
     truth: Truth,
+    whereabouts: Whereabouts,
     score: FeedScore,
     /// When the next message on how well the feeder feeds is due, ns.
     metrics_ns: u64,
@@ -72,6 +82,7 @@ impl FeederMonitor {
             wanted_poses: part.wanted_poses.iter().filter_map(|&pose| u8::try_from(pose).ok()).collect(),
             part_radius_m: part.outline_radius_m(),
             truth: Truth::default(),
+            whereabouts: Whereabouts::default(),
             score: FeedScore::new(config.tray, part),
             metrics_ns: METRICS_NS,
             present: BTreeSet::new(),
@@ -82,6 +93,7 @@ impl FeederMonitor {
     }
 
     pub(crate) fn hear(&mut self, io: &mut StepIo) {
+        self.locate(io);
         let picks = io.take(&self.ports.picks);
         for event in picks.iter().filter(|event| event.picked) {
             self.progress.parts_doubled += u32::from(!self.picked.insert(event.part_id));
@@ -102,6 +114,29 @@ impl FeederMonitor {
         for event in &picks {
             self.score_pick(event);
         }
+    }
+
+    /// Where the courier's centre truly is on the platen, m.
+    pub(crate) fn place_m(&self) -> Option<Vector2<f64>> {
+        self.whereabouts.truth.map(|position| position.xy())
+    }
+
+    /// Compares what the driver says of its courier with the truth.
+    fn locate(&mut self, io: &mut StepIo) {
+        for message in io.take(&self.ports.odometry) {
+            let position = feeder_wire::odometry::from_message(&message).position;
+            self.whereabouts.say(ns_of_stamp(&message.header.stamp), position);
+        }
+        for message in io.take(&self.ports.motion) {
+            // A block begins at its stamp.
+            if let ([x_m, ..], [y_m, ..], [yaw_rad, ..]) = (&message.x_m[..], &message.y_m[..], &message.yaw_rad[..]) {
+                self.whereabouts.learn(ns_of_stamp(&message.header.stamp), Vector3::new(*x_m, *y_m, *yaw_rad));
+            }
+        }
+        for message in io.take(&self.ports.courier) {
+            self.whereabouts.score.hear(message.position_error_m, message.yaw_error_rad);
+        }
+        self.progress.odometry = self.whereabouts.score;
     }
 
     pub(crate) fn publish(&self, io: &mut StepIo) {
@@ -186,6 +221,10 @@ impl FeederMonitor {
             delivered: self.progress.delivered,
             wrong_pose_delivered: self.progress.wrong_pose_delivered,
             max_slip_m: self.progress.max_slip_m.unwrap_or(-1.0),
+            odometry_error_m_max: self.progress.odometry.error_m_max,
+            odometry_error_m_rms: self.progress.odometry.error_m_rms(),
+            odometry_error_rad_max: self.progress.odometry.error_rad_max,
+            odometry_error_rad_rms: self.progress.odometry.error_rad_rms(),
         }
     }
 }

@@ -6,6 +6,7 @@ mod feeder;
 mod platen;
 mod progress;
 mod truth;
+mod whereabouts;
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -19,6 +20,7 @@ pub use feed::Feed;
 use feeder::FeederMonitor;
 use platen::PlatenMonitor;
 pub use progress::{Activity, FeederProgress, Progress};
+pub use whereabouts::OdometryScore;
 
 /// Ticks between progress messages.
 const PROGRESS_TICKS: u64 = 10;
@@ -65,7 +67,7 @@ impl FeederNode for RunMonitor {
             feeder.hear(io);
         }
         if let Some(platen) = &mut self.platen {
-            platen.watch(io, &mut self.progress);
+            platen.watch(io, self.feeders.iter().map(FeederMonitor::place_m), &mut self.progress);
         }
         if let Some(shown) = &self.shown {
             self.progress.feeders.clear();

@@ -5,7 +5,6 @@ use feeder_runtime::node::{Declare, StepIo, Subscriber};
 use feeder_scenario::plan::RunMonitorConfig;
 use feeder_wire::{area, topics};
 use minifactory_msgs::msg::AreaLeases;
-use minifactory_msgs::nav_msgs::msg::Odometry;
 use nalgebra::Vector2;
 
 use crate::progress::Progress;
@@ -15,21 +14,13 @@ const SLACK_M: f64 = 1e-4;
 
 /// Handles of the ports for the platen.
 pub(crate) struct Ports {
-    couriers: Vec<Subscriber<Odometry>>,
     leases: Subscriber<AreaLeases>,
 }
 
 impl Ports {
     /// Nothing on a platen that is not shared.
     pub(crate) fn declare(io: &mut Declare, config: &RunMonitorConfig) -> Option<Self> {
-        config.arbitrated.then(|| Self {
-            couriers: config
-                .feeders
-                .iter()
-                .map(|feeder| io.subscriber_in(&format!("/{feeder}"), &topics::ODOMETRY))
-                .collect(),
-            leases: io.subscriber(&topics::LEASES),
-        })
+        config.arbitrated.then(|| Self { leases: io.subscriber(&topics::LEASES) })
     }
 }
 
@@ -45,22 +36,18 @@ pub(crate) struct PlatenMonitor {
 impl PlatenMonitor {
     pub(crate) fn new(ports: Ports, config: &RunMonitorConfig) -> Self {
         let feeders = config.feeders.clone();
-        Self {
-            ports,
-            places_m: vec![None; feeders.len()],
-            feeders,
-            footprint_radius_m: config.footprint_radius_m,
-            leases: None,
-        }
+        Self { ports, places_m: Vec::new(), feeders, footprint_radius_m: config.footprint_radius_m, leases: None }
     }
 
-    pub(crate) fn watch(&mut self, io: &mut StepIo, progress: &mut Progress) {
-        for (port, place_m) in self.ports.couriers.iter().zip(&mut self.places_m) {
-            if let Some(odometry) = io.take(port).pop() {
-                let position = &odometry.pose.pose.position;
-                *place_m = Some(Vector2::new(position.x, position.y));
-            }
-        }
+    /// Watches the couriers, which stand there, in the order of the feeders.
+    pub(crate) fn watch(
+        &mut self,
+        io: &mut StepIo,
+        places_m: impl IntoIterator<Item = Option<Vector2<f64>>>,
+        progress: &mut Progress,
+    ) {
+        self.places_m.clear();
+        self.places_m.extend(places_m);
         if let Some(message) = io.take(&self.ports.leases).pop() {
             let leases = message.leases.iter().map(area::from_lease).map(|lease| (lease.agent, lease.area));
             self.leases = Some(leases.collect());

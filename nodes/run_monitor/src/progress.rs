@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use crate::feed::Feed;
+use crate::whereabouts::OdometryScore;
 
 /// What a planner does with its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -72,6 +73,8 @@ pub struct FeederProgress {
     pub succeeded: u32,
     /// Deliveries that failed, by the outcome of the action's result.
     pub failed_by_outcome: Vec<u32>,
+    /// How well the driver knows where its courier is.
+    pub odometry: OdometryScore,
     /// What the planner did with its time, s.
     pub spent_s: BTreeMap<Activity, f64>,
     /// How well the feeder feeds and the selector selects.
@@ -115,6 +118,12 @@ impl Progress {
     #[must_use]
     pub fn selected(&self) -> usize {
         self.feeders.iter().map(|feeder| feeder.selected.len()).sum()
+    }
+
+    /// How well the drivers know where their couriers are.
+    #[must_use]
+    pub fn odometry(&self) -> OdometryScore {
+        self.feeders.iter().fold(OdometryScore::default(), |score, feeder| score.with(&feeder.odometry))
     }
 
     /// Largest slip of a delivered part, m; nothing while none was followed.

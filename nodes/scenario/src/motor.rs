@@ -55,15 +55,24 @@ pub struct SimulatedCourier {
 }
 
 impl SimulatedCourier {
-    /// The driver, with the load it reckons with on the tray; the sensor's noise is drawn from `seed`.
+    /// The motor at the courier's start, with the load that the driver reckons with on the tray; the sensor's noise is drawn
+    /// from `seed`.
+    ///
+    /// # Errors
+    /// A parameter out of its range.
+    pub fn simulated_motor(&self, seed: u64) -> Result<SimulatedMotor, OutOfRange> {
+        self.config.validate()?;
+        let mut motor = SimulatedMotor::new(self.motor, self.config.start, seed)?;
+        motor.set_load(&self.config.load);
+        Ok(motor)
+    }
+
+    /// The driver of that motor.
     ///
     /// # Errors
     /// A parameter out of its range.
     pub fn driver(&self, seed: u64) -> Result<SimulatedDriver, OutOfRange> {
-        self.config.validate()?;
-        let mut motor = SimulatedMotor::new(self.motor, self.config.start, seed)?;
-        motor.set_load(&self.config.load);
-        CourierDriver::with_motor(self.config, motor)
+        CourierDriver::with_motor(self.config, self.simulated_motor(seed)?)
     }
 }
 

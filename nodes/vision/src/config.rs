@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::TrackerConfig;
+use super::{PoseHistoryConfig, TrackerConfig};
 use feeder_model::range::OutOfRange;
 
 /// What the selector is asked for and how sure it must be.
@@ -26,6 +26,8 @@ pub struct SelectorConfig {
     pub evidence_lead_min: f64,
     /// Following parts from frame to frame.
     pub tracker: TrackerConfig,
+    /// Where the tray stood when an image was taken.
+    pub odometry: PoseHistoryConfig,
 }
 
 impl Default for SelectorConfig {
@@ -39,6 +41,7 @@ impl Default for SelectorConfig {
             miss_max: 2.5,
             evidence_lead_min: 0.15,
             tracker: TrackerConfig::default(),
+            odometry: PoseHistoryConfig::default(),
         }
     }
 }
@@ -64,6 +67,7 @@ impl SelectorConfig {
         }
         let contrast = self.contrast_min_levels;
         OutOfRange::unless((2.0..=128.0).contains(&contrast), "selector.contrast_min_levels", contrast, "2 to 128")?;
+        self.odometry.validate()?;
         self.tracker.validate()
     }
 }

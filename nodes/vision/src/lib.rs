@@ -1,7 +1,7 @@
 //! Vision selector: from pictures to parts that may be picked.
 //!
-//! It works from the image, the camera's calibration, the tray's pose at the image's stamp, the tray's geometry and a
-//! model of the part learned from images ([`teach`]), and from nothing else. A frame passes five steps: `segment` parts the
+//! It works from the image, the camera's calibration, the tray's pose at the image's stamp ([`PoseHistory`]), the tray's
+//! geometry and a model of the part learned from images ([`teach`]), and from nothing else. A frame passes five steps: `segment` parts the
 //! plateau from what lies on it; `search` finds places where rings of brightness are those of a taught pose, whatever the
 //! yaw, and of parts with a yaw where a glance at all yaws misses least; `align` tries yaws there and fits place and yaw to a fraction of a pixel; `detector` takes the best fits for parts
 //! until nothing is left to explain, so that touching parts come apart; `candidate` tells pose, confidence and room. `track`
@@ -15,6 +15,7 @@ mod decode;
 mod detector;
 mod hull;
 mod overlay;
+mod pose_history;
 mod rule;
 mod search;
 mod segment;
@@ -37,6 +38,7 @@ pub use candidate::Candidate;
 pub use config::SelectorConfig;
 pub use decode::{DecodeError, decode};
 pub use overlay::draw_overlay;
+pub use pose_history::{NoPose, PoseHistory, PoseHistoryConfig, TimedPose};
 pub use teach::{LaidPart, PoseSpec, TeachError, TeachFrame, TeachSpec, teach};
 pub use template::{PartModel, Plane, PoseTemplate};
 pub use track::{TrackedCandidate, TrackerConfig};

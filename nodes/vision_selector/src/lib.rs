@@ -1,7 +1,8 @@
 //! The vision selector: finds the parts on the plateau that lie right.
 //!
-//! It works from the compressed image, the calibration and the odometry at the image's stamp alone, with a model of the
-//! part that was taught from pictures (`feeder teach`).
+//! It works from the compressed image, the calibration and odometry, interpolated to the image's stamp, with a model of the
+//! part that was taught from pictures (`feeder teach`). An image whose stamp is ahead of odometry waits a while. Why nothing
+//! is selected is said once in the log, and on `/diagnostics`.
 //!
 //! Every part that lies wholly on the plateau is a detection, its bounding box in the tray frame, turned as the part is if
 //! that has a yaw, its `id` the same from frame to frame. A detection's hypothesis names part and resting pose, as in `grommet/hole_up`, with the confidence as
@@ -15,11 +16,13 @@ use std::time::Duration;
 use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, Settable, StepIo, Subscriber, ns_of_stamp};
 use feeder_runtime::parameters::Range;
 use feeder_scenario::plan::{NodeConfig, VisionSelectorConfig};
-use feeder_vision::{ImageFault, Selector, TrackedCandidate, draw_overlay};
+use feeder_vision::{ImageFault, NoPose, PoseHistory, Selector, TimedPose, TrackedCandidate, draw_overlay};
+use feeder_wire::odometry::{self, EstimatedMotion};
 use feeder_wire::part_candidates::{self, SeenPart};
-use feeder_wire::pose::{planar_isometry, planar_pose};
+use feeder_wire::pose::planar_pose;
 use feeder_wire::{nodes, topics};
 use image::GrayImage;
+use minifactory_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
 use minifactory_msgs::geometry_msgs::msg::Vector3;
 use minifactory_msgs::msg::PartCandidates;
 use minifactory_msgs::nav_msgs::msg::Odometry;
@@ -34,8 +37,8 @@ use nalgebra::Isometry2;
 const SILENT_PERIODS: u64 = 5;
 const SLACK_TICKS: u64 = 20;
 
-/// How many odometry messages are kept: images come later than the motion they show.
-const ODOMETRY_KEPT: usize = 64;
+/// Between two messages on `/diagnostics`.
+const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);
 
 /// Handles of the selector's ports.
 pub struct Ports {
@@ -44,6 +47,7 @@ pub struct Ports {
     candidates: Publisher<Detection3DArray>,
     part_candidates: Publisher<PartCandidates>,
     annotated: Publisher<Image>,
+    diagnostics: Publisher<DiagnosticArray>,
 }
 
 /// The vision selector.
@@ -51,6 +55,10 @@ pub struct VisionSelector {
     ports: Ports,
     sight: Sight,
     names: Names,
+    /// Images that wait for odometry, with the time of their arrival, ns; oldest first.
+    waiting: VecDeque<(u64, CompressedImage)>,
+    frames: Frames,
+    diagnostics_ticks: u64,
     /// What was last wrong with an image, so that it is said once.
     fault: Option<LookError>,
     /// When an image came last, and how long none may come.
@@ -58,11 +66,23 @@ pub struct VisionSelector {
     patience_ticks: u64,
 }
 
+/// Images so far.
+#[derive(Debug, Default)]
+struct Frames {
+    /// Looked at, whatever was seen.
+    looked_at: u64,
+    /// Given up because the tray's pose was not known.
+    without_pose: u64,
+    /// Given up because of the image.
+    without_sense: u64,
+}
+
 /// Names of classes and frames.
 struct Names {
     part: String,
     poses: Vec<String>,
     tray_frame: String,
+    node: String,
 }
 
 impl FeederNode for VisionSelector {
@@ -85,6 +105,7 @@ impl FeederNode for VisionSelector {
             candidates: io.publisher(&topics::CANDIDATES),
             part_candidates: io.publisher(&topics::PART_CANDIDATES),
             annotated: io.publisher(&topics::IMAGE_ANNOTATED),
+            diagnostics: io.publisher(&topics::DIAGNOSTICS),
         }
     }
 
@@ -93,13 +114,19 @@ impl FeederNode for VisionSelector {
             poses: config.poses.clone(),
             part: config.part_class.clone(),
             tray_frame: format!("{}/tray", config.feeder),
+            node: format!("/{}/{}", config.feeder, Self::NAME),
         };
         let selector = config.selector().map_err(NodeError::new)?;
         let period_ticks = config.camera_period_ms / config.tick_ms;
         Ok(Self {
             ports,
-            sight: Sight { selector, poses: VecDeque::new() },
+            sight: Sight { selector, poses: PoseHistory::new(config.selector.odometry) },
             names,
+            waiting: VecDeque::new(),
+            frames: Frames::default(),
+            diagnostics_ticks: (DIAGNOSTICS_PERIOD.as_nanos() / Self::tick(config).as_nanos().max(1))
+                .try_into()
+                .unwrap_or(1),
             fault: None,
             seen_tick: 0,
             patience_ticks: SILENT_PERIODS * period_ticks + SLACK_TICKS,
@@ -131,31 +158,34 @@ impl FeederNode for VisionSelector {
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         for message in io.take(&self.ports.odometry) {
-            self.sight.stand(ns_of_stamp(&message.header.stamp), planar_isometry(&message.pose.pose));
+            self.sight.poses.note(timed_pose(&message));
         }
-        for message in io.take(&self.ports.image) {
-            let (tracked, fault) = match self.sight.look(&message) {
-                Ok(picture) => {
-                    if io.wanted(&self.ports.annotated) {
-                        let image = self.sight.annotate(&message.header, &picture);
-                        io.publish(&self.ports.annotated, &image);
-                    }
-                    (picture.tracked, None)
-                }
-                Err(fault) => (Vec::new(), Some(fault)),
-            };
+        let now_ns = io.now_ns();
+        let arrived = io.take(&self.ports.image);
+        if !arrived.is_empty() {
             self.seen_tick = io.tick();
-            self.tell(fault);
-            let detections = self.names.detections(&message.header, &tracked, &self.sight.selector);
-            io.publish(&self.ports.candidates, &detections);
-            let parts = self.names.part_candidates(&message.header, &tracked, &self.sight.selector);
-            io.publish(&self.ports.part_candidates, &parts);
+        }
+        self.waiting.extend(arrived.into_iter().map(|image| (now_ns, image)));
+        // What comes later waits too: parts are followed in order of time.
+        while let Some((_, image)) = self.waiting.pop_front_if(|(arrived_ns, image)| {
+            !self.sight.awaits_odometry(image, Duration::from_nanos(now_ns.saturating_sub(*arrived_ns)))
+        }) {
+            self.select(io, &image);
         }
         if io.tick() > self.seen_tick + self.patience_ticks {
-            self.tell(Some(LookError::Silent));
+            self.tell(io, Some(LookError::Silent));
+        }
+        if io.tick().is_multiple_of(self.diagnostics_ticks.max(1)) {
+            self.publish_diagnostics(io);
         }
         Ok(())
     }
+}
+
+/// Odometry as the history takes it.
+fn timed_pose(message: &Odometry) -> TimedPose {
+    let EstimatedMotion { position, velocity, .. } = odometry::from_message(message);
+    TimedPose { stamp_ns: ns_of_stamp(&message.header.stamp), position, velocity }
 }
 
 /// Why nothing is seen.
@@ -163,8 +193,8 @@ impl FeederNode for VisionSelector {
 enum LookError {
     #[error("the camera has stopped: no image for {SILENT_PERIODS} periods")]
     Silent,
-    #[error("no odometry at the stamp of the image")]
-    NoOdometry,
+    #[error(transparent)]
+    Pose(#[from] NoPose),
     #[error("the image cannot be decoded: {0}")]
     Decode(String),
     #[error(transparent)]
@@ -179,41 +209,88 @@ struct Picture {
 }
 
 impl VisionSelector {
+    /// Looks at an image, and tells what is on it or why nothing is.
+    fn select(&mut self, io: &mut StepIo, message: &CompressedImage) {
+        let looked = self.sight.look(message);
+        let count = match &looked {
+            Ok(_) | Err(LookError::Image(ImageFault::PlateauOutOfView)) => &mut self.frames.looked_at,
+            Err(LookError::Pose(_)) => &mut self.frames.without_pose,
+            Err(_) => &mut self.frames.without_sense,
+        };
+        *count += 1;
+        let (tracked, fault) = match looked {
+            Ok(picture) => {
+                if io.wanted(&self.ports.annotated) {
+                    let image = self.sight.annotate(&message.header, &picture);
+                    io.publish(&self.ports.annotated, &image);
+                }
+                (picture.tracked, None)
+            }
+            Err(fault) => (Vec::new(), Some(fault)),
+        };
+        self.tell(io, fault);
+        let detections = self.names.detections(&message.header, &tracked, &self.sight.selector);
+        io.publish(&self.ports.candidates, &detections);
+        let parts = self.names.part_candidates(&message.header, &tracked, &self.sight.selector);
+        io.publish(&self.ports.part_candidates, &parts);
+    }
+
     /// Says what is wrong when that changes.
-    fn tell(&mut self, fault: Option<LookError>) {
+    fn tell(&mut self, io: &mut StepIo, fault: Option<LookError>) {
         if fault == self.fault {
             return;
         }
-        match &fault {
-            // The tray is under way: nothing is wrong.
-            None | Some(LookError::Image(ImageFault::PlateauOutOfView)) => {}
-            Some(fault) => tracing::warn!("nothing is selected: {fault}"),
+        if let Some(fault) = fault.as_ref().filter(|fault| fault.is_wrong()) {
+            tracing::warn!("nothing is selected: {fault}");
         }
         self.fault = fault;
+        self.publish_diagnostics(io);
+    }
+
+    fn publish_diagnostics(&self, io: &mut StepIo) {
+        let level = match &self.fault {
+            Some(fault) if fault.is_wrong() => DiagnosticStatus::WARN,
+            _ => DiagnosticStatus::OK,
+        };
+        let message = self.fault.as_ref().map_or_else(|| "selecting".to_owned(), ToString::to_string);
+        let values = [
+            ("images looked at", self.frames.looked_at),
+            ("images without a pose of the tray", self.frames.without_pose),
+            ("images that make no sense", self.frames.without_sense),
+        ];
+        let values = values.map(|(key, count)| KeyValue { key: key.to_owned(), value: count.to_string() }).to_vec();
+        let status = DiagnosticStatus { level, name: self.names.node.clone(), message, values, ..Default::default() };
+        let message = DiagnosticArray { header: io.header(""), status: vec![status] };
+        io.publish(&self.ports.diagnostics, &message);
+    }
+}
+
+impl LookError {
+    /// Whether something is wrong, and the tray is not just under way.
+    fn is_wrong(&self) -> bool {
+        !matches!(self, Self::Image(ImageFault::PlateauOutOfView))
     }
 }
 
 /// What turns images into parts.
 struct Sight {
     selector: Selector,
-    /// Stamp (ns) and pose of the tray, oldest first.
-    poses: VecDeque<(u64, Isometry2<f64>)>,
+    poses: PoseHistory,
 }
 
 impl Sight {
-    /// The tray stands at `platen_from_tray` at this time.
-    fn stand(&mut self, stamp_ns: u64, platen_from_tray: Isometry2<f64>) {
-        self.poses.push_back((stamp_ns, platen_from_tray));
-        if self.poses.len() > ODOMETRY_KEPT {
-            self.poses.pop_front();
-        }
+    /// Whether odometry that is still to come may tell where the tray stood, after the image has waited for so long.
+    fn awaits_odometry(&self, message: &CompressedImage, waited: Duration) -> bool {
+        let may_come =
+            matches!(self.poses.at(ns_of_stamp(&message.header.stamp)), Err(NoPose::NoOdometry | NoPose::Ahead));
+        may_come && waited.as_secs_f64() < self.poses.config().wait_s_max
     }
 
     fn look(&mut self, message: &CompressedImage) -> Result<Picture, LookError> {
         let stamp_ns = ns_of_stamp(&message.header.stamp);
-        let (_, platen_from_tray) = *self.poses.iter().find(|(ns, _)| *ns == stamp_ns).ok_or(LookError::NoOdometry)?;
+        let platen_from_tray = self.poses.at(stamp_ns)?;
         let image = feeder_vision::decode(&message.data).map_err(|error| LookError::Decode(error.to_string()))?;
-        let stamp_s = std::time::Duration::from_nanos(stamp_ns).as_secs_f64();
+        let stamp_s = Duration::from_nanos(stamp_ns).as_secs_f64();
         let tracked = self.selector.process(stamp_s, &image, &platen_from_tray)?;
         Ok(Picture { image, platen_from_tray, tracked })
     }
@@ -299,6 +376,8 @@ mod tests {
     use feeder_sim::camera::{PartView, Renderer, TrayShot};
     use minifactory_msgs::msg::PartCandidate;
 
+    use nalgebra::Vector3 as Vector;
+
     use super::*;
 
     const FRAME_NS: u64 = 100_000_000;
@@ -310,8 +389,9 @@ mod tests {
         let (_, config) = plan.of_kind::<VisionSelectorConfig>().next().unwrap();
         let place = scenario.delivery.feeding_place;
         let platen_from_tray = Isometry2::new(place.xy(), place.z);
-        let mut sight = Sight { selector: config.selector().unwrap(), poses: VecDeque::new() };
-        (1..=8).for_each(|frame| sight.stand(frame * FRAME_NS, platen_from_tray));
+        let poses = PoseHistory::new(config.selector.odometry);
+        let mut sight = Sight { selector: config.selector().unwrap(), poses };
+        (1..=8).for_each(|frame| sight.poses.note(standing(frame * FRAME_NS)));
         let part = scenario.part_type().unwrap();
         let scene = scenario.scene(&part);
         let tray = &scenario.tray.geometry;
@@ -323,6 +403,12 @@ mod tests {
         let renderer = Renderer::new(&scene).unwrap();
         renderer.render(&TrayShot::still(platen_from_tray), &[view], &mut generator(1, "camera"), &mut image).unwrap();
         (sight, codec::encode(&image, codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX).unwrap())
+    }
+
+    /// The tray at its feeding place.
+    fn standing(stamp_ns: u64) -> TimedPose {
+        let place = Scenario::default().delivery.feeding_place;
+        TimedPose { stamp_ns, position: Vector::new(place.x, place.y, place.z), velocity: Vector::zeros() }
     }
 
     fn message(frame: u64, data: &[u8]) -> CompressedImage {
@@ -354,10 +440,31 @@ mod tests {
     }
 
     #[test]
-    fn an_image_from_a_time_without_odometry_selects_nothing() {
+    fn an_image_between_two_odometry_messages_is_looked_at() {
         let (mut sight, good) = sight();
-        let fault = sight.look(&message(9, &good)).map(|picture| picture.tracked).unwrap_err();
-        assert_eq!(fault, LookError::NoOdometry);
+        sight.poses.note(standing(8 * FRAME_NS + 10_000_000));
+        let mut between = message(8, &good);
+        between.header.stamp = stamp_of_ns(8 * FRAME_NS + 3_000_000);
+        assert_eq!(sight.look(&between).unwrap().tracked.len(), 1);
+    }
+
+    #[test]
+    fn an_image_ahead_of_odometry_waits_for_so_long_and_one_that_is_too_old_does_not() {
+        let (mut sight, good) = sight();
+        let ahead = message(9, &good);
+        assert!(sight.awaits_odometry(&ahead, Duration::from_millis(90)));
+        assert!(!sight.awaits_odometry(&ahead, Duration::from_millis(100)));
+        let fault = sight.look(&ahead).map(|picture| picture.tracked).unwrap_err();
+        assert_eq!(fault, LookError::Pose(NoPose::Ahead));
+        let old = message(0, &good);
+        assert!(!sight.awaits_odometry(&old, Duration::ZERO));
+        let fault = sight.look(&old).map(|picture| picture.tracked).unwrap_err();
+        assert_eq!(fault, LookError::Pose(NoPose::TooOld));
+        // The gap of 100 ms between two messages is longer than is interpolated across.
+        let mut between = message(7, &good);
+        between.header.stamp = stamp_of_ns(7 * FRAME_NS + 1);
+        let fault = sight.look(&between).map(|picture| picture.tracked).unwrap_err();
+        assert_eq!(fault, LookError::Pose(NoPose::Gap));
     }
 
     #[test]
@@ -365,7 +472,7 @@ mod tests {
         let (mut sight, good) = sight();
         let part = Scenario::default().part_type().unwrap();
         let poses = part.poses.iter().map(|pose| pose.name.clone()).collect();
-        let names = Names { part: part.name.clone(), poses, tray_frame: "feeder/tray".to_owned() };
+        let names = Names { part: part.name.clone(), poses, tray_frame: "feeder/tray".to_owned(), node: String::new() };
         for frame in 1..=8 {
             let message = message(frame, &good);
             let tracked = sight.look(&message).unwrap().tracked;

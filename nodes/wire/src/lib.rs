@@ -6,6 +6,7 @@ pub mod frames;
 mod interface;
 pub mod joints;
 mod numbered;
+pub mod odometry;
 pub mod part_candidates;
 pub mod pose;
 pub mod services;

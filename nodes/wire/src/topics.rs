@@ -28,11 +28,11 @@ interface! {
     WAVEFORM: TopicSpec<Waveform> = TopicSpec::new(FEEDER, "waveform", Qos::latched()),
         [WAVEFORM_GENERATOR] => [Forward(COURIER_DRIVER)];
 
-    /// How the tray moved in the last tick, a sample each servo period: m, rad, their rates and accelerations
+    /// How the tray truly moved in the last tick, from the simulated motor to the simulated parts, a sample each servo period: m, rad, their rates and accelerations
     TRAY_MOTION: TopicSpec<TrayMotion> = TopicSpec::new(FEEDER, "tray_motion", Qos::command()),
-        [COURIER_DRIVER] => [Forward(PART_SIMULATOR)];
+        [COURIER_DRIVER] => [Forward(PART_SIMULATOR), Forward(RUN_MONITOR)];
 
-    /// Pose of the courier on the platen, m and rad, and its velocity in its own frame, m/s and rad/s
+    /// Estimated pose of the courier on the platen, m and rad, and velocity in its own frame, m/s and rad/s, with covariances
     ODOMETRY: TopicSpec<Odometry> = TopicSpec::new(FEEDER, "odometry", Qos::command()),
         [COURIER_DRIVER] => [
             Forward(VISION_SELECTOR), Forward(DELIVERY_PLANNER), Forward(RUN_MONITOR), Outside("viewers"),
@@ -44,7 +44,9 @@ interface! {
 
     /// What the courier does, its tracking errors in m and rad, its fault, and the waveform it has heard last
     COURIER_STATE: TopicSpec<CourierState> = TopicSpec::new(FEEDER, "courier_state", Qos::command()),
-        [COURIER_DRIVER] => [Forward(DELIVERY_PLANNER), Feedback(WAVEFORM_GENERATOR), Outside("viewers")];
+        [COURIER_DRIVER] => [
+            Forward(DELIVERY_PLANNER), Forward(RUN_MONITOR), Feedback(WAVEFORM_GENERATOR), Outside("viewers"),
+        ];
 
     /// The courier in the platen's frame, m
     TF: TopicSpec<TFMessage> = TopicSpec::new(GLOBAL, "tf", Qos::command()),

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::control::ControlParameters;
+use super::estimator::EstimatorParameters;
 use super::learning::LearningParameters;
 use super::rejection::Rejection;
 use super::safety::SafetyParameters;
@@ -24,6 +25,8 @@ pub struct CourierConfig {
     pub control: ControlParameters,
     /// The learning of waveforms.
     pub learning: LearningParameters,
+    /// The estimate of the courier's motion.
+    pub estimator: EstimatorParameters,
     /// What the tray carries.
     pub load: Load,
     /// Time between servo ticks, s.
@@ -50,6 +53,7 @@ impl Default for CourierConfig {
             limits: CourierLimits::default(),
             control: ControlParameters::default(),
             learning: LearningParameters::default(),
+            estimator: EstimatorParameters::default(),
             load: Load::default(),
             servo_period_s: 0.5e-3,
             start: Vector3::zeros(),
@@ -74,6 +78,7 @@ impl CourierConfig {
         self.load.validate()?;
         check_range("servo_period_s", self.servo_period_s, 1e-4, 5e-3)?;
         self.learning.validate(self.servo_period_s)?;
+        self.estimator.validate()?;
         let (min, max) = (self.limits.position_min(), self.limits.position_max());
         for (axis, name) in ["start x", "start y", "start yaw"].into_iter().enumerate() {
             check_range(name, self.start[axis], min[axis], max[axis])?;

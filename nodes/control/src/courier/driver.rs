@@ -1,4 +1,4 @@
-//! The driver itself: accepts commands, makes set points of them, closes the servo loop and reports the tray's motion.
+//! The driver itself: accepts commands, makes set points of them, closes the servo loop and reports how the courier moves.
 
 mod servo;
 
@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 
 use super::config::CourierConfig;
 use super::control::Controller;
+use super::estimator::{Estimate, Estimator};
 use super::learning::Learner;
 use super::path::{Check, Path};
 use super::rejection::Rejection;
@@ -39,6 +40,7 @@ pub struct CourierDriver<P> {
     controller: Controller,
     learner: Learner,
     supervisor: Supervisor,
+    estimator: Estimator,
     active: bool,
     tick: u64,
     /// What the sensor said at the last tick; nothing if it gave no number.
@@ -73,6 +75,7 @@ impl<P: PlanarMotor> CourierDriver<P> {
             controller: Controller::new(&control, mass, period_s)?,
             learner: Learner::new(learning, control, mass, period_s)?,
             supervisor: Supervisor::new(config.safety, config.limits, period_s),
+            estimator: Estimator::new(&config.estimator, &config.start, learning.nominal_lag_s, period_s),
             active: true,
             config,
             motor,
@@ -249,12 +252,15 @@ impl<P: PlanarMotor> CourierDriver<P> {
         }
     }
 
-    /// Clears the latched fault; the courier, at standstill (1 mm/s, 1 mrad/s), holds where it is.
+    /// Clears the latched fault; the courier, at standstill as far as the estimate goes (1 mm/s, 10 mrad/s), holds where it
+    /// is.
     ///
     /// # Errors
     /// The fault, when the sensor gives no position or the courier still moves.
     pub fn reset_fault(&mut self) -> Result<(), Fault> {
-        const STANDSTILL: f64 = 1e-3;
+        const STANDSTILL_M_S: f64 = 1e-3;
+        // A millimetre a second at the tray's rim: the sensor tells yaw rates no better from noise.
+        const STANDSTILL_RAD_S: f64 = 10e-3;
         if let Some(fault) = self.coming_fault.clone() {
             return Err(fault);
         }
@@ -263,12 +269,14 @@ impl<P: PlanarMotor> CourierDriver<P> {
             if !measured.iter().all(|value| value.is_finite()) {
                 return Err(Fault::SensorLost);
             }
-            if self.path.is_some() || self.motor.motion().1.norm() > STANDSTILL {
+            let velocity = self.estimator.estimate().velocity;
+            let stands = velocity.xy().norm() <= STANDSTILL_M_S && velocity.z.abs() <= STANDSTILL_RAD_S;
+            if self.path.is_some() || !stands {
                 return Err(fault);
             }
             self.fault = None;
             self.supervisor.reset();
-            self.motor.set_air(true);
+            self.set_air(true);
             self.place(State { position: measured, ..State::default() });
         }
         Ok(())
@@ -329,14 +337,15 @@ impl<P: PlanarMotor> CourierDriver<P> {
     /// Gives up the set point that is not followed, and brakes from where the courier is.
     fn enter_fault(&mut self, fault: Fault) {
         self.vibrator.abort();
-        // Without a sensor there is nothing better than what was wanted.
-        let (position, velocity) = match self.measured {
-            Some(measured) => (measured, self.motor.motion().1),
-            None => (self.present.position, self.present.velocity),
-        };
+        let Estimate { position, velocity, .. } = self.estimator.estimate();
         self.place(State { position, velocity, ..State::default() });
         self.end_goal(GoalOutcome::Faulted(fault.clone()));
         self.latch(fault);
+    }
+
+    fn set_air(&mut self, on: bool) {
+        self.motor.set_air(on);
+        self.estimator.set_air(on);
     }
 
     fn latch(&mut self, fault: Fault) {

@@ -5,6 +5,10 @@
 //! [`Waveform`](feeder_model::waveform::Waveform) about it. Their sum is the set point of a
 //! servo loop ([`control`]) that drives a [`PlanarMotor`](feeder_model::motor::PlanarMotor): the hardware, or a simulation of it.
 //!
+//! Of the motor the driver knows what it told it and what its sensor reads. Feedback, learning and the watch over set point
+//! and bounds work on the reading itself; velocity, and all that is reported, comes from an estimate
+//! ([`EstimatorParameters`] says of what).
+//!
 //! Everything is checked before it is begun: a command is refused with a [`Rejection`] and changes nothing, or it is
 //! accepted and can be carried out inside the [`CourierLimits`] at every servo tick.
 //!
@@ -13,6 +17,7 @@
 mod config;
 pub mod control;
 mod driver;
+mod estimator;
 mod fourier;
 mod learning;
 mod limits;
@@ -28,6 +33,7 @@ mod vibrator;
 
 pub use config::CourierConfig;
 pub use driver::CourierDriver;
+pub use estimator::EstimatorParameters;
 pub use feeder_model::trajectory::{AXES, Tolerances, Trajectory, TrajectoryPoint};
 pub use learning::LearningParameters;
 pub use limits::{CourierLimits, LimitViolation};

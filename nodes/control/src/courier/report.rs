@@ -6,7 +6,6 @@ use nalgebra::Vector3;
 use thiserror::Error;
 
 use super::vibrator::VibrationPhase;
-use feeder_model::motion::MotionBlock;
 use feeder_model::trajectory::AXES;
 
 /// Names an accepted trajectory.
@@ -127,10 +126,15 @@ pub enum DriverEvent {
 pub struct DriverStatus {
     /// Time since the driver's start, s.
     pub time_s: f64,
-    /// Position of the tray, as the plant knows it.
+    /// Position of the tray as estimated from sensor and commands.
     pub position: Vector3<f64>,
-    /// Velocity of the tray, as the plant knows it.
+    /// Velocity of the tray as estimated.
     pub velocity: Vector3<f64>,
+    /// Variance of the estimated position per axis, m² and rad². The axes are estimated apart from each other: between them
+    /// there is no covariance.
+    pub position_variance: Vector3<f64>,
+    /// Variance of the estimated velocity per axis, (m/s)² and (rad/s)².
+    pub velocity_variance: Vector3<f64>,
     /// Where the set point is.
     pub set_point: Vector3<f64>,
     /// How fast the set point moves.
@@ -143,9 +147,9 @@ pub struct DriverStatus {
     pub moving: bool,
     /// The goal being executed.
     pub goal: Option<GoalHandle>,
-    /// Largest magnitude of set point − position during the step, per axis.
+    /// Largest magnitude of set point − estimated position at the ticks of the step, per axis.
     pub tracking_error_peak: Vector3<f64>,
-    /// Root mean square of set point − position during the step, per axis.
+    /// Root mean square of set point − estimated position at the ticks of the step, per axis.
     pub tracking_error_rms: Vector3<f64>,
     /// Servo ticks of the step in which force or torque were cut to the peak.
     pub saturated_ticks: usize,
@@ -166,8 +170,6 @@ impl DriverStatus {
 /// What a step yields.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepOutput {
-    /// True motion of the tray during the step.
-    pub block: MotionBlock,
     /// The state at its end.
     pub status: DriverStatus,
     /// What happened since the last step.

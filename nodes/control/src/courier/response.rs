@@ -19,7 +19,7 @@ pub(crate) struct NominalLoop {
 }
 
 /// Force, speed and position `time_s` after a unit command was applied to a plant of unit mass at rest.
-fn step_response(time_s: f64, lag_s: f64) -> [f64; 3] {
+pub(super) fn step_response(time_s: f64, lag_s: f64) -> [f64; 3] {
     let risen = if lag_s > 0.0 { 1.0 - (-time_s / lag_s).exp() } else { 1.0 };
     [risen, time_s - lag_s * risen, 0.5 * time_s * time_s - lag_s * time_s + lag_s * lag_s * risen]
 }

@@ -80,6 +80,7 @@ pub(super) struct Seen {
     /// Measured position; nothing if the sensor gave none.
     pub(super) measured: Option<Vector3<f64>>,
     pub(super) set_point: Vector3<f64>,
+    /// Estimated velocity.
     pub(super) velocity: Vector3<f64>,
 }
 

@@ -356,6 +356,6 @@ impl World {
     }
 
     pub(crate) fn position(&mut self) -> Vector3<f64> {
-        self.driver.step(0).status.position
+        self.driver.motor_mut().motion().0
     }
 }

@@ -119,7 +119,7 @@ fn try_out(
     }
     let watched_s = if matches!(wrong, Wrong::Silent(_)) { 2.0 * LASTING_S } else { LASTING_S };
     let begun = driver.step(1);
-    let from = begun.status.position;
+    let from = driver.motor_mut().motion().0;
     let mut seen = Seen::default();
     seen.take(&begun.events, 0.0);
     let (mut moved_s, mut rest) = (0.0, from);
@@ -127,8 +127,9 @@ fn try_out(
         let output = driver.step(1);
         let time_s = tick as f64 * period_s;
         seen.take(&output.events, time_s);
-        if output.status.velocity.norm() > STANDING {
-            (moved_s, rest) = (time_s, output.status.position);
+        let (position, velocity) = driver.motor_mut().motion();
+        if velocity.norm() > STANDING {
+            (moved_s, rest) = (time_s, position);
         }
     }
     let stopped = seen.noticed_s.is_some();

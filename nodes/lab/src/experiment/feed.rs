@@ -16,6 +16,13 @@ const START_RAD: [f64; 2] = [1.0, 4.0];
 /// How long parts settle, and how long their feed is measured, s.
 const STRETCH_S: f64 = 1.0;
 
+/// True motion of the courier over so many servo ticks from now.
+fn run(driver: &mut SimulatedDriver, ticks: usize) -> Vec<MotionSample> {
+    driver.motor_mut().take_block();
+    driver.step(ticks);
+    driver.motor_mut().take_block().samples
+}
+
 /// What is fed, and by which waveform.
 #[derive(Clone, Debug)]
 pub struct FeedTrial {
@@ -75,9 +82,9 @@ impl FeedTrial {
         let mut driver = courier.driver(seed)?;
         driver.set_waveform(&self.waveform, true)?;
         let second = self.ticks(STRETCH_S);
-        driver.step(5 * second);
+        run(&mut driver, 5 * second);
         let (after_5_s, _) = self.relative_feed(&mut driver);
-        driver.step(3 * second);
+        run(&mut driver, 3 * second);
         let (after_10_s, over) = self.relative_feed(&mut driver);
         let peak = over.iter().map(|sample| sample.acceleration.z.abs()).fold(0.0, f64::max);
         Ok(FeedRun {
@@ -91,8 +98,8 @@ impl FeedTrial {
     /// Feed over the second after next relative to the reference, parts settling meanwhile, and the motion in it.
     pub fn relative_feed(&self, driver: &mut SimulatedDriver) -> ([f64; 2], Vec<MotionSample>) {
         let second = self.ticks(STRETCH_S);
-        let settle = driver.step(second).block.samples;
-        let over = driver.step(second).block.samples;
+        let settle = run(driver, second);
+        let over = run(driver, second);
         let feed_m_s = self.feed_m_s(&settle, &over);
         ([0, 1].map(|surface| feed_m_s[surface] / self.reference_m_s[surface]), over)
     }

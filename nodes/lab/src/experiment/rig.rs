@@ -61,7 +61,8 @@ impl Rig {
         let (mut slip_m_s, mut travelled_m, mut square) = (0.0, 0.0, 0.0);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some seconds of servo ticks")]
         let last_second = ticks - (1.0 / period_s).round() as usize;
-        for (tick, sample) in driver.step(ticks).block.samples.iter().enumerate() {
+        driver.step(ticks);
+        for (tick, sample) in driver.motor_mut().take_block().samples.iter().enumerate() {
             let tray_m_s = sample.velocity.x;
             let time_s = tick as f64 * period_s;
             samples.push(VelocitySample { time_s, tray_m_s: noisy(tray_m_s), part_m_s: noisy(tray_m_s + slip_m_s) });

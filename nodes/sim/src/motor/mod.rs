@@ -1,4 +1,4 @@
-//! What the driver drives: the motor, or a model of it.
+//! A simulated motor for the driver to drive.
 
 mod body;
 mod faults;
@@ -18,6 +18,7 @@ pub use self::faults::{FaultHooks, SizedWindow, Window};
 pub use self::parameters::MotorParameters;
 use self::sensor::Sensor;
 use self::slider::Slider;
+use feeder_model::motion::{MotionBlock, MotionSample};
 use feeder_model::motor::{Load, PlanarMotor, Wrench};
 use feeder_model::range::OutOfRange;
 
@@ -39,6 +40,8 @@ pub struct SimulatedMotor {
     air: bool,
     losses: Pcg64Mcg,
     time_s: f64,
+    /// True motion since it was last taken.
+    block: MotionBlock,
 }
 
 impl SimulatedMotor {
@@ -61,6 +64,7 @@ impl SimulatedMotor {
             air: true,
             losses: Pcg64Mcg::seed_from_u64(!seed),
             time_s: 0.0,
+            block: MotionBlock::default(),
         })
     }
 
@@ -78,6 +82,18 @@ impl SimulatedMotor {
     #[must_use]
     pub fn time_s(&self) -> f64 {
         self.time_s
+    }
+
+    /// True position and velocity now, which no driver knows.
+    #[must_use]
+    pub fn motion(&self) -> (Vector3<f64>, Vector3<f64>) {
+        (self.position(), self.velocity())
+    }
+
+    /// True motion since it was last taken, a sample for each servo tick. Until taken it is kept.
+    pub fn take_block(&mut self) -> MotionBlock {
+        let sample_period_s = self.block.sample_period_s;
+        std::mem::replace(&mut self.block, MotionBlock { sample_period_s, samples: Vec::new() })
     }
 
     fn position(&self) -> Vector3<f64> {
@@ -127,7 +143,8 @@ impl SimulatedMotor {
 
 impl PlanarMotor for SimulatedMotor {
     fn step(&mut self, command: Wrench, duration_s: f64) {
-        self.sensor.note(self.position(), self.velocity(), duration_s, self.parameters.sensor_delay_s);
+        let (position, velocity) = self.motion();
+        self.sensor.note(position, velocity, duration_s, self.parameters.sensor_delay_s);
         self.send(command);
         let mut now_s = 0.0;
         while let Some(&(arrival_s, arriving)) = self.pending.front() {
@@ -145,6 +162,9 @@ impl PlanarMotor for SimulatedMotor {
         }
         self.slider.follow(&self.velocity(), duration_s, &self.parameters);
         self.time_s += duration_s;
+        let acceleration = (self.velocity() - velocity) / duration_s;
+        self.block.sample_period_s = duration_s;
+        self.block.samples.push(MotionSample { position, velocity, acceleration });
     }
 
     fn measure(&mut self) -> Vector3<f64> {
@@ -155,10 +175,6 @@ impl PlanarMotor for SimulatedMotor {
 
     fn set_air(&mut self, on: bool) {
         self.air = on;
-    }
-
-    fn motion(&self) -> (Vector3<f64>, Vector3<f64>) {
-        (self.position(), self.velocity())
     }
 }
 

@@ -3,35 +3,33 @@
 use nalgebra::Vector3;
 
 use super::super::control::SetPoint;
+use super::super::estimator::Estimate;
 use super::super::report::{Commander, DriverStatus, Fault, GoalOutcome, StepOutput};
 use super::super::safety::Seen;
 use super::super::tolerance::violation;
 use super::super::trajectory::State;
 use super::super::vibrator::VibrationPhase;
 use super::CourierDriver;
-use feeder_model::motion::{MotionBlock, MotionSample};
 use feeder_model::motor::PlanarMotor;
 
 impl<P: PlanarMotor> CourierDriver<P> {
     /// Runs `ticks` servo ticks.
     pub fn step(&mut self, ticks: usize) -> StepOutput {
-        let mut samples = Vec::with_capacity(ticks);
         let (mut peak, mut square) = (Vector3::zeros(), Vector3::zeros());
         let mut saturated_ticks = 0;
         for _ in 0..ticks {
-            let position = self.motor.motion().0;
-            let error = self.present.position - position;
+            let (error, saturated) = self.servo_tick();
             peak = error.abs().sup(&peak);
             square += error.component_mul(&error);
-            let (sample, saturated) = self.servo_tick();
-            samples.push(sample);
             saturated_ticks += usize::from(saturated);
         }
-        let (position, velocity) = self.motor.motion();
+        let Estimate { position, velocity, position_variance, velocity_variance } = self.estimator.estimate();
         let status = DriverStatus {
             time_s: self.tick as f64 * self.config.servo_period_s,
             position,
             velocity,
+            position_variance,
+            velocity_variance,
             set_point: self.present.position,
             set_point_velocity: self.present.velocity,
             nominal_position: self.nominal().position,
@@ -44,16 +42,21 @@ impl<P: PlanarMotor> CourierDriver<P> {
             learned_delay_s: self.learner.delay_s(),
             fault: self.fault.clone().or_else(|| self.coming_fault.clone()),
         };
-        let block = MotionBlock { sample_period_s: self.config.servo_period_s, samples };
-        StepOutput { block, status, events: std::mem::take(&mut self.events) }
+        StepOutput { status, events: std::mem::take(&mut self.events) }
     }
 
-    fn servo_tick(&mut self) -> (MotionSample, bool) {
+    /// Runs a servo tick: how far the courier was off its set point, and whether its command was cut.
+    fn servo_tick(&mut self) -> (Vector3<f64>, bool) {
         let period_s = self.config.servo_period_s;
         let measured = Some(self.motor.measure()).filter(|measured| measured.iter().all(|value| value.is_finite()));
         self.measured = measured;
-        self.supervise(measured);
-        self.finish(measured.as_ref());
+        if let Some(measured) = &measured {
+            self.estimator.observe(measured);
+        }
+        let estimate = self.estimator.estimate();
+        let off_set_point = self.present.position - estimate.position;
+        self.supervise(measured, &estimate.velocity);
+        self.finish(measured.is_some(), &estimate);
 
         let next = self.set_point(self.tick + 1);
         let acceleration = (next.velocity - self.present.velocity) / period_s;
@@ -72,24 +75,23 @@ impl<P: PlanarMotor> CourierDriver<P> {
         self.controller.note_given(in_full);
         self.supervisor.note_given(in_full);
 
-        let (position, velocity) = self.motor.motion();
         self.motor.step(command, period_s);
-        let acceleration = (self.motor.motion().1 - velocity) / period_s;
+        let mass = self.config.limits.moved(&self.config.load);
+        self.estimator.predict(&command.component_div(&mass), self.learner.delay_s());
         self.tick += 1;
         self.present = next;
-        (MotionSample { position, velocity, acceleration }, !in_full)
+        (off_set_point, !in_full)
     }
 
     /// Stops the courier where something is wrong.
-    fn supervise(&mut self, measured: Option<Vector3<f64>>) {
-        let (_, velocity) = self.motor.motion();
-        let seen = Seen { measured, set_point: self.present.position, velocity };
+    fn supervise(&mut self, measured: Option<Vector3<f64>>, velocity: &Vector3<f64>) {
+        let seen = Seen { measured, set_point: self.present.position, velocity: *velocity };
         let found = self.supervisor.watch(&seen);
         if self.fault.is_some() {
             // What does not brake as told is clamped; without a sensor nothing is told but to brake once.
             let braking_blindly = found == Some(Fault::SensorLost) && self.path.is_some();
             if found.is_some() && !braking_blindly {
-                self.motor.set_air(false);
+                self.set_air(false);
             }
             return;
         }
@@ -105,7 +107,7 @@ impl<P: PlanarMotor> CourierDriver<P> {
             self.end_goal(GoalOutcome::Faulted(fault.clone()));
             self.coming_fault = Some(fault);
         }
-        self.keep_path_tolerance(measured, &velocity);
+        self.keep_path_tolerance(measured, velocity);
     }
 
     /// Ends a goal from whose path the courier strays.
@@ -137,7 +139,7 @@ impl<P: PlanarMotor> CourierDriver<P> {
     }
 
     /// Ends what ends at this tick: the vibration, the path, and with it the goal.
-    fn finish(&mut self, measured: Option<&Vector3<f64>>) {
+    fn finish(&mut self, is_measured: bool, estimate: &Estimate) {
         self.vibrator.advance(self.tick);
         if let Some(path) = self.path.take_if(|path| path.ended(self.tick)) {
             self.hold = path.at(self.tick).position;
@@ -148,15 +150,13 @@ impl<P: PlanarMotor> CourierDriver<P> {
         {
             self.latch(fault);
         }
-        let (Some(goal), Some(measured)) = (self.goal.as_mut().filter(|_| self.path.is_none()), measured) else {
-            return;
-        };
+        let Some(goal) = self.goal.as_mut().filter(|_| is_measured && self.path.is_none()) else { return };
         let grace_ticks = (goal.tolerances.goal_time_s / self.config.servo_period_s).ceil();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 600 s")]
         let deadline_tick = *goal.deadline_tick.get_or_insert(self.tick + grace_ticks as u64);
         let tolerances = goal.tolerances;
-        let error = self.present.position - measured;
-        let drift = self.present.velocity - self.motor.motion().1;
+        let error = self.present.position - estimate.position;
+        let drift = self.present.velocity - estimate.velocity;
         let missed =
             violation(&error, &tolerances.goal_position).or_else(|| violation(&drift, &tolerances.goal_velocity));
         if missed.is_none() {
