@@ -7,6 +7,7 @@
 mod chunk;
 mod file;
 mod messages;
+mod schema;
 mod summary;
 mod window;
 

@@ -6,9 +6,10 @@ use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
 use bytes::Bytes;
-use mcap::records::{self, Channel, Record, SchemaHeader, op};
+use mcap::records::{self, Channel, Record, op};
 
 use super::chunk::{MESSAGE_HEAD_BYTES, MessageHead, RECORD_HEAD_BYTES, record_head, records as records_in, unpack};
+use super::schema::Schema;
 use super::window::Window;
 use super::{
     CHUNK_BYTES_MAX, DESCRIPTION_BYTES_MAX, PARTS_MAX, PROBLEMS_MAX, PROBLEMS_PER_CHUNK, RECORD_BYTES_MAX, Topic,
@@ -20,19 +21,6 @@ use crate::error::BagError;
 const PLAIN_BYTES: u64 = 1 << 20;
 /// What of a chunk's record tells its times and how it is packed.
 const CHUNK_HEAD_BYTES: usize = 8 + 8 + 8 + 4 + 4 + 4 + 8;
-
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Schema {
-    name: String,
-    encoding: String,
-    text: String,
-}
-
-impl Schema {
-    pub(super) fn new(header: SchemaHeader, data: &[u8]) -> Self {
-        Self { name: header.name, encoding: header.encoding, text: String::from_utf8_lossy(data).into_owned() }
-    }
-}
 
 /// A part of a file that holds messages: a chunk, or records outside of chunks.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -8,7 +8,7 @@ use mcap::records::{Channel, ChunkIndex, Footer, Record, Statistics, op};
 
 use super::RECORD_BYTES_MAX;
 use super::chunk::{RECORD_HEAD_BYTES, records};
-use super::file::Schema;
+use super::schema::Schema;
 
 /// A footer with its head, and the magic bytes.
 const ENDING_BYTES: usize = RECORD_HEAD_BYTES + 20 + mcap::MAGIC.len();

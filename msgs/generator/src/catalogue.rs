@@ -7,11 +7,10 @@ use std::{
 
 use crate::{
     error::{Error, Named, Problem},
-    hash,
     model::{Arity, Body, Element, Field, FieldType, Namespace, Role, Structure, TypeName},
     parse::{self, LineProblem, Section},
-    schema,
     source::Source,
+    text,
 };
 
 /// Definitions that are complete: every type that a field has is among them.
@@ -50,7 +49,7 @@ impl Catalogue {
     pub fn of_schema(name: &TypeName, schema: &str) -> Result<Self, Error> {
         let mut catalogue = Self { structures: BTreeMap::new() };
         let file = PathBuf::from(name.to_string());
-        for (first_line, heading, text) in schema::sections(schema) {
+        for (first_line, heading, text) in text::sections(schema) {
             let fail = |problem| Error::Definition { file: file.clone(), line: first_line.max(2) - 1, problem };
             let name = match heading {
                 None => TypeName { namespace: Namespace::Msg, ..name.clone() },
@@ -92,18 +91,6 @@ impl Catalogue {
     #[must_use]
     pub fn get(&self, name: &TypeName) -> Option<&Structure> {
         self.structures.get(name)
-    }
-
-    /// Hash of a type as ROS 2 gives it in discovery and bags: `RIHS01_` and 64 hexadecimal digits.
-    #[must_use]
-    pub fn type_hash(&self, structure: &Structure) -> String {
-        hash::rihs01(self, structure)
-    }
-
-    /// Definition of a type, followed by those of all types it refers to, as bags carry it (`ros2msg`).
-    #[must_use]
-    pub fn schema(&self, structure: &Structure) -> String {
-        schema::concatenated(self, structure)
     }
 
     /// All types that a type's fields refer to, directly or not.
@@ -294,5 +281,5 @@ fn body_of(fields: Vec<Field>) -> Body {
 /// A field that no file states.
 fn field(name: &str, element: Element, arity: Arity) -> Field {
     let ty = FieldType { element, arity };
-    Field { declared: schema::declared(&ty), ty, name: name.to_owned(), default: None, doc: Vec::new(), line: 1 }
+    Field { declared: text::declared(&ty), ty, name: name.to_owned(), default: None, doc: Vec::new(), line: 1 }
 }

@@ -7,20 +7,24 @@ use crate::{
     model::{Arity, Element, FieldType, Structure},
 };
 
-pub(crate) fn rihs01(catalogue: &Catalogue, structure: &Structure) -> String {
-    let referenced: Vec<_> = catalogue
-        .references(&structure.name)
-        .into_iter()
-        .filter_map(|reference| catalogue.get(reference))
-        .map(description)
-        .collect();
-    let json = format!(
-        r#"{{"type_description": {}, "referenced_type_descriptions": [{}]}}"#,
-        description(structure),
-        referenced.join(", ")
-    );
-    let digest: String = Sha256::digest(json).iter().map(|byte| format!("{byte:02x}")).collect();
-    format!("RIHS01_{digest}")
+impl Catalogue {
+    /// Hash of a type as ROS 2 gives it in discovery and bags: `RIHS01_` and 64 hexadecimal digits.
+    #[must_use]
+    pub fn type_hash(&self, structure: &Structure) -> String {
+        let referenced: Vec<_> = self
+            .references(&structure.name)
+            .into_iter()
+            .filter_map(|reference| self.get(reference))
+            .map(description)
+            .collect();
+        let json = format!(
+            r#"{{"type_description": {}, "referenced_type_descriptions": [{}]}}"#,
+            description(structure),
+            referenced.join(", ")
+        );
+        let digest: String = Sha256::digest(json).iter().map(|byte| format!("{byte:02x}")).collect();
+        format!("RIHS01_{digest}")
+    }
 }
 
 /// Names consist of ASCII letters, digits, underscores and slashes, so that JSON needs no escapes.

@@ -27,6 +27,7 @@ mod parse;
 mod rust;
 mod schema;
 mod source;
+mod text;
 mod value;
 
 pub use catalogue::Catalogue;
