@@ -4,4 +4,5 @@ mod bad_input;
 mod cli;
 mod echo;
 mod goals;
+mod long_replies;
 mod mixed;

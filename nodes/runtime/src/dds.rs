@@ -27,6 +27,7 @@
 //!   raise `net.core.rmem_max` and `net.core.wmem_max`.
 
 mod client;
+mod datagram;
 mod domain;
 mod error;
 mod executor;

@@ -66,7 +66,7 @@ static Bytes from_hex(const std::string& text) {
 struct RawType : fast::TopicDataType {
     explicit RawType(const std::string& name) {
         setName(name.c_str());
-        m_typeSize = 1024;
+        m_typeSize = 65'000;
         auto_fill_type_object(false);
         auto_fill_type_information(false);
     }

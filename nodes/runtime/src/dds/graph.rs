@@ -1,5 +1,6 @@
 use std::{
     collections::{BTreeMap, BTreeSet},
+    net::SocketAddr,
     sync::{Mutex, PoisonError},
 };
 
@@ -76,6 +77,15 @@ impl Graph {
     }
 }
 
+/// Where a reader of another participant may be reached.
+pub(super) fn reader_addresses(participant: &DomainParticipant, reader: Guid) -> Vec<SocketAddr> {
+    let readers = participant.discovered_readers();
+    let found = readers.iter().find(|data| Guid::from(data.reader_proxy.remote_reader_guid) == reader);
+    let locators = found.into_iter().flat_map(|data| &data.reader_proxy.unicast_locator_list);
+    locators.filter(|locator| locator.is_udp()).map(|locator| SocketAddr::from(*locator)).collect()
+}
+
+/// Readers that have been discovered.
 pub(super) fn readers(participant: &DomainParticipant) -> Vec<Endpoint> {
     let describe = |data: &ros2_client::dds::rustdds::discovery::DiscoveredReaderData| {
         let (topic, qos) = (&data.subscription_topic_data, data.subscription_topic_data.qos());

@@ -2,7 +2,7 @@ use std::{
     collections::BTreeSet,
     fmt,
     net::Ipv4Addr,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
     time::Duration,
 };
 
@@ -227,6 +227,11 @@ impl Participant {
     /// Starts a task on the participant's thread; it ends with the returned handle.
     pub(crate) fn background(&self, task: impl Future<Output = ()> + Send + 'static) -> BackgroundTask {
         self.inner.executor.spawn(task)
+    }
+
+    /// For what must not keep the participant alive.
+    pub(super) fn downgrade(&self) -> Weak<Inner> {
+        Arc::downgrade(&self.inner)
     }
 
     pub(super) fn spawner(&self) -> Spawner {

@@ -2,10 +2,10 @@ use std::{
     collections::BTreeMap,
     fmt,
     sync::{
-        Arc,
+        Arc, Weak,
         atomic::{AtomicU64, Ordering},
     },
-    time::Duration,
+    time::{Duration, SystemTime},
 };
 
 use bytes::Bytes;
@@ -13,9 +13,12 @@ use serde::{Serialize, de::DeserializeOwned};
 use tokio::time::{Instant, sleep, timeout};
 
 use super::{
-    DdsError, Guid, Participant, PublishError, Qos, Reader, Writer,
+    DdsError, Guid, Participant, PublishError, Qos, Reader, SampleId, Writer,
+    datagram::{self, FRAGMENTED_ABOVE_BYTES, WholeSample},
     executor::Spawner,
+    graph,
     names::dds_name,
+    participant::Inner,
     tally::Counter,
     wire::{self, RequestForm},
     writer::Outlet,
@@ -57,13 +60,14 @@ impl Participant {
         let service: Arc<str> = name.into();
         let reader = self.reader_of(&request_topic, request_dds_type, &qos, {
             let (counters, service) = (counters.clone(), service.clone());
-            let (outlet, spawner) = (writer.outlet(), self.spawner());
+            let (outlet, spawner, participant) = (writer.outlet(), self.spawner(), self.downgrade());
             move |sample| {
                 counters.requests.fetch_add(1, Ordering::Relaxed);
                 let reply = |form| ReplyHandle {
                     service: service.clone(),
                     outlet: outlet.clone(),
                     spawner: spawner.clone(),
+                    participant: participant.clone(),
                     counters: counters.clone(),
                     client: sample.writer_guid,
                     form,
@@ -169,6 +173,7 @@ pub struct ReplyHandle {
     service: Arc<str>,
     outlet: Arc<Outlet>,
     spawner: Spawner,
+    participant: Weak<Inner>,
     counters: Arc<Counters>,
     client: Guid,
     form: RequestForm,
@@ -235,11 +240,18 @@ impl ReplyHandle {
         let (payload, related) = self.form.reply(body);
         for turn in 0..SEND_COUNT_MAX {
             for reader in &readers {
-                while let Err(error) = self.outlet.send(payload.clone(), Some(*reader), related) {
-                    match error {
-                        PublishError::Full { .. } => sleep(FULL_PAUSE).await,
-                        PublishError::Closed { reason, .. } => return Err(reason),
+                let sequence = loop {
+                    match self.outlet.send(payload.clone(), Some(*reader), related) {
+                        Ok(sequence) => break sequence,
+                        Err(PublishError::Full { .. }) => sleep(FULL_PAUSE).await,
+                        Err(PublishError::Closed { reason, .. }) => return Err(reason),
                     }
+                };
+                if let Some(related) = related
+                    && payload.len() > FRAGMENTED_ABOVE_BYTES
+                    && wire::speaks_related(*reader)
+                {
+                    self.send_whole(*reader, sequence, related, &payload)?;
                 }
             }
             if timeout(FIRST_RESEND_AFTER * (1 << turn), self.outlet.acknowledged()).await.is_ok() {
@@ -247,6 +259,16 @@ impl ReplyHandle {
             }
         }
         Err(format!("not acknowledged, though sent {SEND_COUNT_MAX} times"))
+    }
+
+    /// Sends a reply that has been written once more, in one datagram: see [`datagram`].
+    fn send_whole(&self, reader: Guid, sequence: i64, related: SampleId, body: &[u8]) -> Result<(), String> {
+        let participant = self.participant.upgrade().ok_or("the participant has left")?;
+        let addresses = graph::reader_addresses(&participant.domain_participant, reader);
+        let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let sample = WholeSample { writer: self.outlet.guid(), reader, sequence, related, since_1970, body };
+        let message = sample.encode().map_err(|error| error.to_string())?;
+        datagram::send(&message, &addresses).map_err(|error| format!("the reply could not be sent whole: {error}"))
     }
 }
 

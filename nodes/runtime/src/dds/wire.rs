@@ -37,7 +37,7 @@ pub(super) fn speaks_header(peer: Guid) -> bool {
 }
 
 /// Whether peers of this implementation always speak the related form.
-fn speaks_related(peer: Guid) -> bool {
+pub(super) fn speaks_related(peer: Guid) -> bool {
     peer.0[..2] == [0x01, 0x0f]
 }
 

@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use super::{
     Guid, PublishError, Qos, SampleId,
+    datagram::FRAGMENTED_ABOVE_BYTES,
     executor::Task,
     graph,
     participant::Inner,
@@ -91,7 +92,7 @@ impl Writer {
     /// The identity under which peers see this writer.
     #[must_use]
     pub fn guid(&self) -> Guid {
-        self.outlet.raw.guid().into()
+        self.outlet.guid()
     }
 
     /// Readers of other participants that this writer serves now.
@@ -122,6 +123,10 @@ impl Outlet {
         }
     }
 
+    pub(super) fn guid(&self) -> Guid {
+        self.raw.guid().into()
+    }
+
     /// Publishes to one reader only, or as the answer to some sample, or both; returns the sequence number.
     pub(super) fn send(
         &self,
@@ -135,7 +140,7 @@ impl Outlet {
         if let Some(reader) = reader {
             options = options.to_single_reader(reader.to_dds());
         }
-        let sample = Raw { payload: payload.clone(), little_endian: true };
+        let sample = Raw { payload: padded(&payload), little_endian: true };
         // Polled once: there is either room now or there is not.
         match self.raw.async_write_with_options(sample, options.build()).now_or_never() {
             Some(Ok(id)) => Ok(id.sequence_number.into()),
@@ -153,6 +158,16 @@ impl Outlet {
     }
 }
 
+/// A body that may leave in fragments, filled up to a multiple of four bytes. RustDDS does not pad the last fragment, and
+/// Cyclone DDS up to 0.10.2 drops one that is not padded. Readers of CDR do not look at what lies behind a message.
+fn padded(body: &Bytes) -> Bytes {
+    let lacking = body.len().next_multiple_of(4) - body.len();
+    if lacking == 0 || body.len() <= FRAGMENTED_ABOVE_BYTES {
+        return body.clone();
+    }
+    [body.as_ref(), &[0; 4][..lacking]].concat().into()
+}
+
 /// What a writer's status event says of its readers.
 fn peer_event(status: &DataWriterStatus) -> PeerEvent {
     match status {
@@ -164,5 +179,20 @@ fn peer_event(status: &DataWriterStatus) -> PeerEvent {
             PeerEvent::Incompatible((*reader).into(), format!("{last_policy_id:?}"))
         }
         _ => PeerEvent::Other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_may_leave_in_fragments_ends_on_a_word() {
+        for (length, expected) in [(7, 7), (1_000, 1_000), (1_001, 1_004), (1_003, 1_004), (1_004, 1_004)] {
+            let body = Bytes::from(vec![9; length]);
+            let padded = padded(&body);
+            assert_eq!(padded.len(), expected);
+            assert!(padded.starts_with(&body) && padded[length..].iter().all(|byte| *byte == 0));
+        }
     }
 }
