@@ -40,6 +40,7 @@ mod qos;
 mod raw;
 mod reader;
 mod server;
+mod signals;
 mod tally;
 mod wire;
 mod writer;

@@ -25,6 +25,7 @@ use super::{
     names::dds_name,
     qos::policies_of,
     raw::{Raw, RawAdapter, RawReader, RawWriter},
+    signals::Masked,
     tally::{Counter, Loss, Tally},
 };
 
@@ -81,6 +82,7 @@ impl Participant {
         if domain.id > Domain::ID_MAX {
             return Err(refuse(format!("the largest domain is {}", Domain::ID_MAX)));
         }
+        let _masked = Masked::new();
         let builder = DomainParticipantBuilder::new(domain.id)
             .socket_receive_buffer_size(SOCKET_BUFFER_BYTES)
             .socket_send_buffer_size(SOCKET_BUFFER_BYTES);
