@@ -1,5 +1,7 @@
 //! From scenario files to plans: what is derived, what is refused, and that every reader gets the same.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::path::{Path, PathBuf};
 
 use feeder_scenario::Scenario;

@@ -135,7 +135,7 @@ impl<const N: usize> Slide<N> {
     /// Whether the body is at rest on the surface at the end.
     #[must_use]
     pub fn at_rest(&self) -> bool {
-        self.velocity_m_s == [0.0; N]
+        self.velocity_m_s.iter().all(|component| component.abs() == 0.0)
     }
 }
 
@@ -316,9 +316,13 @@ mod tests {
 
     #[test]
     fn friction_from_rest_is_static_up_to_its_limit_and_kinetic_beyond() {
-        assert_eq!(grip(2.0, 1.0).from_rest_m_s2([-2.0]), [0.0]);
-        assert_eq!(grip(2.0, 1.0).from_rest_m_s2([-2.5]), [-1.5]);
-        assert_eq!(grip(2.0, 1.0).sliding_m_s2([-2.5], [1.0]), [-3.5]);
+        for (got, expected) in [
+            (grip(2.0, 1.0).from_rest_m_s2([-2.0]), 0.0),
+            (grip(2.0, 1.0).from_rest_m_s2([-2.5]), -1.5),
+            (grip(2.0, 1.0).sliding_m_s2([-2.5], [1.0]), -3.5),
+        ] {
+            assert!((got[0] - expected).abs() < 1e-15, "{got:?} {expected}");
+        }
     }
 
     #[test]

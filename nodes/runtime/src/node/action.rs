@@ -65,7 +65,8 @@ pub struct ActionClientPorts<A: Action> {
 impl Declare {
     /// Declares an action that this node serves.
     pub fn action_server<A: Action>(&mut self, action: &ActionSpec<A>) -> ActionServerPorts<A> {
-        let name = self.owned(&self.namespace().to_owned(), action.facts(), "serves");
+        let namespace = self.namespace().to_owned();
+        let name = self.owned(&namespace, action.facts(), "serves");
         ActionServerPorts {
             send_goal: self.server_named(format!("{name}/_action/send_goal")),
             cancel: self.server_named(format!("{name}/_action/cancel_goal")),
@@ -77,7 +78,8 @@ impl Declare {
 
     /// Declares the use of another node's action. Requests are as late as is stated; answers come forward.
     pub fn action_client<A: Action>(&mut self, action: &ActionSpec<A>) -> ActionClientPorts<A> {
-        self.action_client_in(&self.namespace().to_owned(), action)
+        let namespace = self.namespace().to_owned();
+        self.action_client_in(&namespace, action)
     }
 
     /// Declares the use of an action that is served in `namespace`.
