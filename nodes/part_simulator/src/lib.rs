@@ -104,6 +104,10 @@ impl FeederNode for PartSimulator {
         })
     }
 
+    fn not_parameters() -> &'static [&'static str] {
+        &["part"]
+    }
+
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         for message in io.take(&self.ports.motion) {
             self.move_parts(&message)?;

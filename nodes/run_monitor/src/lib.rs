@@ -62,6 +62,10 @@ impl FeederNode for RunMonitor {
         Self::new(ports, config)
     }
 
+    fn not_parameters() -> &'static [&'static str] {
+        &["part"]
+    }
+
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         for feeder in &mut self.feeders {
             feeder.hear(io);

@@ -41,12 +41,16 @@ impl<C: Serialize + DeserializeOwned + Clone> Configuration<C> {
         config: &C,
         check: Check<C>,
         settable: &[Settable],
+        not_parameters: &[&str],
         own: Vec<Declaration>,
         given: &BTreeMap<String, GivenValue>,
     ) -> Result<Self, NodeError> {
         let own_names: Vec<String> = own.iter().map(|declaration| declaration.name.clone()).collect();
         let mut declarations = own;
-        let tree = serde_json::to_value(config).map_err(NodeError::new)?;
+        let mut tree = serde_json::to_value(config).map_err(NodeError::new)?;
+        if let Json::Object(fields) = &mut tree {
+            fields.retain(|key, _| !not_parameters.contains(&key.as_str()));
+        }
         flatten("", &tree, &mut declarations);
         for declaration in &mut declarations {
             if let Some(settable) = settable.iter().find(|settable| settable.name == declaration.name) {
@@ -138,7 +142,7 @@ fn json(value: &Value) -> Option<Json> {
 
 fn flatten(name: &str, tree: &Json, declarations: &mut Vec<Declaration>) {
     let below = |key: &dyn Display| if name.is_empty() { key.to_string() } else { format!("{name}.{key}") };
-    let declared = |value| Declaration::new(name, value, "From the scenario").read_only();
+    let declared = |value| Declaration::new(name, value, "Part of the node's configuration").read_only();
     match tree {
         Json::Object(fields) => fields.iter().for_each(|(key, value)| flatten(&below(key), value, declarations)),
         Json::Array(values) => match list(values) {
@@ -188,6 +192,7 @@ mod tests {
         places: Vec<f64>,
         faces: Vec<usize>,
         stations: Vec<Station>,
+        bulky: Vec<f64>,
     }
 
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -219,6 +224,7 @@ mod tests {
             places: vec![0.1, 2.0],
             faces: vec![0, 1],
             stations: ["a", "b"].map(|name| Station { name: name.into() }).into(),
+            bulky: vec![1.0; 1000],
         }
     }
 
@@ -234,7 +240,8 @@ mod tests {
             ((*name).to_owned(), given)
         });
         let own = vec![Declaration::new("use_sim_time", Value::Bool(false), "").read_only()];
-        Configuration::new(&config(), check, SETTABLE, own, &given.collect()).map_err(|error| error.to_string())
+        Configuration::new(&config(), check, SETTABLE, &["bulky"], own, &given.collect())
+            .map_err(|error| error.to_string())
     }
 
     #[test]
@@ -248,6 +255,7 @@ mod tests {
         assert_eq!(store.get("faces"), Some(&Value::Integers(vec![0, 1])));
         assert_eq!(store.get("stations.1.name"), Some(&Value::Text("b".into())));
         assert_eq!(store.get("none"), None);
+        assert_eq!(store.get("bulky"), None);
         assert!(store.check("count", &Value::Integer(4)).is_err());
         assert!(store.check("limits.low_m", &Value::Double(0.25)).is_ok());
     }

@@ -98,7 +98,14 @@ pub fn run_opened<N: FeederNode>(
         let now_ns = Arc::clone(&now_ns);
         move || stamp_of_ns(now_ns.load(Ordering::Relaxed))
     });
-    let configuration = Configuration::new(config, N::check, N::settable(), own_parameters(true), &BTreeMap::new());
+    let configuration = Configuration::new(
+        config,
+        N::check,
+        N::settable(),
+        N::not_parameters(),
+        own_parameters(true),
+        &BTreeMap::new(),
+    );
     let configuration = configuration.map_err(RunError::Node)?;
     let (reconfigure, reconfigured) = channel();
     let accept = reconfiguring(&configuration, reconfigure);
@@ -201,7 +208,8 @@ pub fn run_remapped<N: FeederNode>(
 ) -> Result<(), RunError> {
     let name = ros.node_name(&NodeName::new(namespace, N::NAME)?)?;
     let given = ros.parameters(&name);
-    let configuration = Configuration::new(config, N::check, N::settable(), own_parameters(false), &given);
+    let (settable, own) = (N::settable(), own_parameters(false));
+    let configuration = Configuration::new(config, N::check, settable, N::not_parameters(), own, &given);
     let configuration = configuration.map_err(RunError::Node)?;
     apply_own(&configuration.store).map_err(RunError::Node)?;
     let config = configuration.config.clone();

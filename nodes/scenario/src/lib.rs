@@ -4,6 +4,7 @@ mod catalogue;
 mod cell;
 mod loading;
 mod motor;
+mod moved;
 mod placed;
 pub mod plan;
 mod source;
@@ -21,7 +22,7 @@ use feeder_control::delivery::DeliveryConfig;
 use feeder_control::manipulator::ManipulatorConfig;
 use feeder_model::camera::{CameraModel, MountedTray};
 use feeder_model::part::PartType;
-use feeder_model::range::OutOfRange;
+use feeder_model::range::{OutOfRange, check_range};
 use feeder_model::waveform::Waveform;
 use feeder_sim::camera::{LightModel, Scene, SensorModel, TrayAppearance};
 use feeder_sim::parts::BulkSettings;
@@ -57,6 +58,9 @@ pub struct Scenario {
     /// What is simulated, and what control does not know.
     #[serde(default)]
     pub world: WorldSection,
+    /// What control believes where that is not so.
+    #[serde(default)]
+    pub believed: BelievedSection,
     /// The courier and its driver.
     #[serde(default)]
     pub courier: CourierConfig,
@@ -102,8 +106,23 @@ pub struct Scenario {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct WorldSection {
-    /// The motor: `ideal`, `assumed`, or its values.
+    /// The motor: `ideal`, `assumed`, the name of a file with its values, or its values.
     pub motor: MotorSource,
+    /// How tray and platen look.
+    pub tray: TrayAppearance,
+    /// The light.
+    pub light: LightModel,
+    /// The camera's sensor.
+    pub sensor: SensorModel,
+}
+
+/// What control believes where that is not so, to see what comes of it. What is left out is as it is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BelievedSection {
+    /// Coefficient of static friction between part and tray with which moves reckon, in place of the part's own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub part_friction: Option<f64>,
 }
 
 /// When a run ends.
@@ -178,15 +197,6 @@ pub struct CameraSection {
     pub jpeg_quality: u8,
     /// Optics, size and place, as calibrated.
     pub model: CameraModel,
-    /// How tray and platen look.
-    #[serde(default)]
-    pub tray: TrayAppearance,
-    /// The light.
-    #[serde(default)]
-    pub light: LightModel,
-    /// The sensor.
-    #[serde(default)]
-    pub sensor: SensorModel,
 }
 
 /// A place where a manipulator takes parts.
@@ -275,10 +285,12 @@ impl Scenario {
     }
 
     fn parse(yaml: &str) -> Result<Self, ScenarioError> {
+        moved::check(yaml)?;
         serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(error.to_string()))
     }
 
     fn load_and_check(mut self, read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Self, ScenarioError> {
+        self.world.motor.load(read).map_err(|problem| invalid("world", &problem))?;
         self.part.load(read).map_err(|error| invalid("part", &error))?;
         self.validate()?;
         Ok(self)
@@ -353,6 +365,8 @@ impl Scenario {
                 .map_err(|error| invalid("selector", &error))?;
         }
         self.delivery.validate().map_err(|error| invalid("delivery", &error))?;
+        check_range("part_friction", self.believed_friction(&part), 0.01, 5.0)
+            .map_err(|error| invalid("believed", &error))?;
         self.validate_stations()?;
         self.validate_cell(&part)
     }

@@ -19,6 +19,23 @@ impl Default for MotorSource {
 }
 
 impl MotorSource {
+    /// Reads the file with the motor's values, if it is the name of one; `read` returns its content, or why there is none.
+    pub(crate) fn load(&mut self, read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<(), String> {
+        let Self::Name(name) = self else { return Ok(()) };
+        if ["ideal", "assumed"].contains(&name.as_str()) {
+            return Ok(());
+        }
+        let problem = |problem: String| {
+            format!(
+                "motor = {name:?}, allowed are ideal, assumed, the values of a motor, or a file with them: {problem}"
+            )
+        };
+        let text = String::from_utf8(read(name).map_err(problem)?).map_err(|error| problem(error.to_string()))?;
+        let values = serde_saphyr::from_str(&text).map_err(|error| problem(error.to_string()))?;
+        *self = Self::Here(Box::new(values));
+        Ok(())
+    }
+
     /// The values.
     ///
     /// # Errors

@@ -67,3 +67,73 @@ fn a_plan_with_a_value_out_of_range_is_refused() {
     let refused = RunPlan::from_yaml(&wrong).map(|_| ()).unwrap_err().to_string();
     assert!(refused.contains("fade_periods = 0 is outside its range"), "{refused}");
 }
+
+/// The built-in scenario with a part of this friction, stated in a file beside it, and what is written to that file.
+fn with_part(folder: &Path, friction: f64, more: &str) -> PathBuf {
+    let part = std::fs::read_to_string(launch_configs().join("parts/grommet.yaml")).unwrap();
+    let part = part.replace("friction_static: 0.2", &format!("friction_static: {friction}"));
+    let part = part.replace("friction_kinetic: 0.2", &format!("friction_kinetic: {friction}"));
+    std::fs::write(folder.join("bush.yaml"), part).unwrap();
+    std::fs::create_dir_all(folder.join("models")).unwrap();
+    std::fs::copy(launch_configs().join("models/grommet.yaml"), folder.join("models/grommet.yaml")).unwrap();
+    std::fs::copy(launch_configs().join("plants/assumed.yaml"), folder.join("motor.yaml")).unwrap();
+    let scenario = std::fs::read_to_string(launch_configs().join("default.yaml")).unwrap();
+    let scenario = scenario.replace("part: grommet", "part: bush.yaml").replace("motor: assumed", "motor: motor.yaml");
+    let scenario = scenario.replace("friction: 0.18", &format!("friction: {}", 0.9 * friction));
+    let file = folder.join("scenario.yaml");
+    std::fs::write(&file, scenario + more).unwrap();
+    file
+}
+
+#[test]
+fn moves_reckon_with_the_friction_of_the_part() {
+    let folder = tempfile::tempdir().unwrap();
+    for friction in [0.12, 0.4] {
+        let file = with_part(folder.path(), friction, "");
+        let (_, planner) = load_node::<DeliveryPlannerConfig>(Some(&file), None).unwrap();
+        assert!((planner.delivery().gentle.friction - friction).abs() < 1e-12, "{planner:?}");
+        let (_, simulator) = load_node::<PartSimulatorConfig>(Some(&file), None).unwrap();
+        assert!((simulator.part.friction_static - friction).abs() < 1e-12);
+        let (_, driver) = load_node::<CourierDriverConfig>(Some(&file), None).unwrap();
+        assert_eq!(driver.motor, feeder_scenario::assumed_motor());
+    }
+    let file = with_part(folder.path(), 0.12, "believed: { part_friction: 0.3 }\n");
+    let (_, planner) = load_node::<DeliveryPlannerConfig>(Some(&file), None).unwrap();
+    assert!((planner.delivery().gentle.friction - 0.3).abs() < 1e-12);
+}
+
+#[test]
+fn a_key_that_has_moved_is_refused_with_its_new_place() {
+    let built_in = std::fs::read_to_string(launch_configs().join("default.yaml")).unwrap();
+    for (was, written, says) in [
+        (
+            "courier:\n",
+            "courier:\n  plant: assumed\n",
+            "courier: plant is not stated here any more, but in world.motor",
+        ),
+        ("camera:\n", "camera:\n  light: {}\n", "world.light"),
+        ("camera:\n", "camera:\n  sensor: {}\n", "world.sensor"),
+        ("camera:\n", "camera:\n  tray: {}\n", "world.tray"),
+        ("delivery:\n", "delivery:\n  gentle: { friction: 0.2 }\n", "believed.part_friction"),
+        ("delivery:\n", "delivery:\n  stations_m: {}\n", "stations"),
+        ("delivery:\n", "selector: { wanted_poses: [1] }\ndelivery:\n", "the part's wanted_poses"),
+        ("delivery:\n", "delivery:\n  nonsense: 1\n", "nonsense"),
+    ] {
+        let scenario = built_in.replacen(&format!("\n{was}"), &format!("\n{written}"), 1);
+        assert!(scenario != built_in, "{was}");
+        let refused = scenario.parse::<Scenario>().unwrap_err().to_string();
+        assert!(refused.contains(says), "{written}: {refused}");
+    }
+}
+
+#[test]
+fn the_selector_seeks_the_poses_that_the_part_is_wanted_in() {
+    let plan = load_plan(Some(&launch_configs().join("default.yaml"))).unwrap();
+    let (_, selector) = plan.of_kind::<VisionSelectorConfig>().next().unwrap();
+    assert_eq!(
+        (selector.poses.as_slice(), selector.wanted_poses.as_slice()),
+        (&["hole_up".to_owned(), "boss_up".to_owned()][..], &[0][..])
+    );
+    let (_, manipulator) = plan.of_kind::<OverheadManipulatorConfig>().next().unwrap();
+    assert_eq!(manipulator.pose_class, "hole_up");
+}

@@ -11,6 +11,7 @@ use feeder_model::range::OutOfRange;
 pub struct SelectorConfig {
     /// Resting poses in which parts are handed over unless a goal or a recipe asks for others. What may be picked does not
     /// depend on them.
+    #[serde(skip)]
     pub wanted_poses: Vec<usize>,
     /// Confidence over frames from which a part may be picked, 0 to 1.
     pub confidence_min: f64,

@@ -156,6 +156,10 @@ impl FeederNode for VisionSelector {
         }
     }
 
+    fn not_parameters() -> &'static [&'static str] {
+        &["part_model"]
+    }
+
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         for message in io.take(&self.ports.odometry) {
             self.sight.poses.note(timed_pose(&message));

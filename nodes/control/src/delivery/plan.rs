@@ -19,7 +19,8 @@ use feeder_model::tray::TrayGeometry;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GentleParameters {
-    /// Coefficient of static friction between part and tray.
+    /// Coefficient of static friction between part and tray: the part's own, not a setting.
+    #[serde(skip)]
     pub friction: f64,
     /// Share of the acceleration that friction holds which is used; the rest is for tracking errors. Shares above 1
     /// make parts slide, which tests want to see.

@@ -77,7 +77,7 @@ fn scenario(name: &str, m_per_px: f64) -> anyhow::Result<Scenario> {
         pose: CameraPose { x_m: place.x, y_m: place.y - middle_m, ..spec.pose },
         ..spec
     })?;
-    scenario.camera.sensor.noise_sigma_levels = TAUGHT_SIGMA;
+    scenario.world.sensor.noise_sigma_levels = TAUGHT_SIGMA;
     Ok(scenario)
 }
 

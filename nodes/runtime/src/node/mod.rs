@@ -82,6 +82,12 @@ pub trait FeederNode: Sized + Send + 'static {
         &[]
     }
 
+    /// The keys of its configuration that are no parameters: too large for anybody to read or set value by value.
+    #[must_use]
+    fn not_parameters() -> &'static [&'static str] {
+        &[]
+    }
+
     /// Takes over a valid configuration that differs from the last one in [`settable`](Self::settable) values alone.
     /// Called between two steps.
     fn reconfigure(&mut self, _config: &Self::Config) {}

@@ -1,7 +1,7 @@
 //! What each kind of node is configured by. A node knows nothing of a run but this.
 
 use feeder_control::courier::{CourierConfig, CourierLimits};
-use feeder_control::delivery::DeliveryConfig;
+use feeder_control::delivery::{DeliveryConfig, GentleParameters};
 use feeder_control::manipulator::ManipulatorConfig;
 use feeder_control::platen::Area;
 use feeder_model::camera::{CameraModel, MountedTray};
@@ -258,6 +258,8 @@ pub struct VisionSelectorConfig {
     pub part_class: String,
     /// Names of its resting poses, in the order in which they were taught.
     pub poses: Vec<String>,
+    /// Which of them are wanted, counted from 0.
+    pub wanted_poses: Vec<usize>,
     /// The selector.
     pub selector: SelectorConfig,
     /// Time between frames of the camera, ms.
@@ -271,17 +273,21 @@ pub struct VisionSelectorConfig {
 }
 
 impl VisionSelectorConfig {
+    fn selector_config(&self) -> SelectorConfig {
+        SelectorConfig { wanted_poses: self.wanted_poses.clone(), ..self.selector.clone() }
+    }
+
     /// The selector.
     ///
     /// # Errors
     /// Values that do not go together.
     pub fn selector(&self) -> Result<Selector, ScenarioError> {
-        Selector::new(self.selector.clone(), &self.camera, &self.tray, &self.part_model)
+        Selector::new(self.selector_config(), &self.camera, &self.tray, &self.part_model)
             .map_err(|error| invalid("selector", &error))
     }
 
     fn check_values(&self) -> Result<(), ScenarioError> {
-        Selector::check(&self.selector, &self.camera, &self.tray, &self.part_model)
+        Selector::check(&self.selector_config(), &self.camera, &self.tray, &self.part_model)
             .map_err(|error| invalid("selector", &error))
     }
 }
@@ -329,6 +335,8 @@ pub struct DeliveryPlannerConfig {
     pub part_diameter_m: f64,
     /// Largest height of the part as it lies, m.
     pub part_height_m: f64,
+    /// Coefficient of static friction between part and tray that moves reckon with.
+    pub part_friction: f64,
     /// What the feeder can feed; the first is in force at the start.
     pub recipes: Vec<PlannedRecipe>,
     /// The tray and how it sits on the courier.
@@ -348,7 +356,7 @@ pub struct DeliveryPlannerConfig {
 }
 
 impl DeliveryPlannerConfig {
-    /// The sequencer's parameters, with the stations and the areas.
+    /// The sequencer's parameters, with the part's friction, the stations and the areas.
     #[must_use]
     pub fn delivery(&self) -> DeliveryConfig {
         let stations = self.stations.iter();
@@ -358,6 +366,7 @@ impl DeliveryPlannerConfig {
             rechecked_stations: rechecked.map(|station| station.name.clone()).collect(),
             keep_out: self.keep_out.clone(),
             arbitrated: self.arbitrated,
+            gentle: GentleParameters { friction: self.part_friction, ..self.delivery.gentle },
             ..self.delivery.clone()
         }
     }

@@ -101,6 +101,12 @@ impl Scenario {
         })
     }
 
+    /// The friction that moves reckon with: the part's own, unless the scenario says that control believes another.
+    #[must_use]
+    pub fn believed_friction(&self, part: &PartType) -> f64 {
+        self.believed.part_friction.unwrap_or(part.friction_static)
+    }
+
     /// The camera as it is simulated.
     #[must_use]
     pub fn simulated_camera(&self) -> SimulatedCamera {
@@ -108,9 +114,9 @@ impl Scenario {
             period_ms: self.camera.period_ms,
             jpeg_quality: self.camera.jpeg_quality,
             model: self.camera.model.clone(),
-            tray: self.camera.tray,
-            light: self.camera.light,
-            sensor: self.camera.sensor,
+            tray: self.world.tray,
+            light: self.world.light,
+            sensor: self.world.sensor,
         }
     }
 
@@ -126,7 +132,8 @@ impl Scenario {
             feeder: self.feeder.clone(),
             part_class: part.name.clone(),
             poses: part.poses.iter().map(|pose| pose.name.clone()).collect(),
-            selector: self.selector(part),
+            wanted_poses: part.wanted_poses.clone(),
+            selector: self.selector.clone(),
             camera_period_ms: self.camera.period_ms,
             camera: self.camera.model.clone(),
             tray: self.tray,
@@ -154,6 +161,7 @@ impl Scenario {
             part_class: part.name.clone(),
             part_diameter_m: 2.0 * part.outline_radius_m(),
             part_height_m: part.height_max_m(),
+            part_friction: self.believed_friction(part),
             recipes: recipes.collect::<Result<_, ScenarioError>>()?,
             tray: self.tray,
             limits: self.courier.limits,
