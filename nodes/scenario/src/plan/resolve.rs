@@ -104,7 +104,7 @@ impl Scenario {
     /// The friction that moves reckon with: the part's own, unless the scenario says that control believes another.
     #[must_use]
     pub fn believed_friction(&self, part: &PartType) -> f64 {
-        self.believed.part_friction.unwrap_or(part.friction_static)
+        self.believed.part_friction.unwrap_or(part.friction.static_coefficient())
     }
 
     /// The camera as it is simulated.
