@@ -148,7 +148,7 @@ impl Scenario {
             }
             if let Some(waveform) = &recipe.waveform {
                 waveform
-                    .design(&self.tray.geometry)
+                    .design(&self.tray.geometry, self.believed_friction(part))
                     .map_err(|error| invalid("recipes", &format_args!("{}.waveform: {error}", recipe.name)))?;
             }
         }

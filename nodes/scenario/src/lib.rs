@@ -327,7 +327,8 @@ impl Scenario {
     /// # Errors
     /// A parameter out of its range.
     pub fn waveform(&self) -> Result<Waveform, ScenarioError> {
-        self.waveform.design(&self.tray.geometry).map_err(|error| invalid("waveform", &error))
+        let friction = self.believed_friction(&self.part_type()?);
+        self.waveform.design(&self.tray.geometry, friction).map_err(|error| invalid("waveform", &error))
     }
 
     /// What the camera sees.

@@ -81,7 +81,6 @@ fn with_part(folder: &Path, friction: f64, more: &str) -> PathBuf {
     std::fs::copy(launch_configs().join("plants/assumed.yaml"), folder.join("motor.yaml")).unwrap();
     let scenario = std::fs::read_to_string(launch_configs().join("default.yaml")).unwrap();
     let scenario = scenario.replace("part: grommet", "part: bush.yaml").replace("motor: assumed", "motor: motor.yaml");
-    let scenario = scenario.replace("friction: 0.18", &format!("friction: {}", 0.9 * friction));
     let file = folder.join("scenario.yaml");
     std::fs::write(&file, scenario + more).unwrap();
     file

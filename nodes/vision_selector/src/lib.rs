@@ -384,7 +384,7 @@ mod tests {
 
     use super::*;
 
-    const FRAME_NS: u64 = 100_000_000;
+    const FRAME_NS: u64 = 80_000_000;
 
     /// A sight with the tray under the camera in the frames looked at, and the compressed picture of a part on the plateau.
     fn sight() -> (Sight, Vec<u8>) {
@@ -464,7 +464,7 @@ mod tests {
         assert!(!sight.awaits_odometry(&old, Duration::ZERO));
         let fault = sight.look(&old).map(|picture| picture.tracked).unwrap_err();
         assert_eq!(fault, LookError::Pose(NoPose::TooOld));
-        // The gap of 100 ms between two messages is longer than is interpolated across.
+        // The gap of 80 ms between two messages is longer than is interpolated across.
         let mut between = message(7, &good);
         between.header.stamp = stamp_of_ns(7 * FRAME_NS + 1);
         let fault = sight.look(&between).map(|picture| picture.tracked).unwrap_err();

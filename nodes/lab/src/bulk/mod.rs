@@ -111,7 +111,7 @@ fn waveforms(part: &PartType) -> [(&'static str, WaveformSpec); 2] {
                 period_s: 0.1,
                 radius_m: 0.085,
                 surface: Surface::Ramp,
-                friction: 0.9 * part.friction.kinetic_coefficient(),
+                friction: Some(0.9 * part.friction.kinetic_coefficient()),
                 limit_rad_s2: 130.0,
             },
         ),
