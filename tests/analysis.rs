@@ -1,17 +1,17 @@
 //! The subcommands that compute, run as a user runs them.
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::Output;
 
 use serde_json::Value;
 
-fn feeder(arguments: &str) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_lab-under-test")).args(arguments.split_whitespace()).output().unwrap()
+fn lab(arguments: &str) -> Output {
+    crate::common::lab().args(arguments.split_whitespace()).output().unwrap()
 }
 
 /// The JSON that a successful run prints.
 #[track_caller]
 fn json(arguments: &str) -> Value {
-    let output = feeder(arguments);
+    let output = lab(arguments);
     assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
     serde_json::from_slice(&output.stdout).unwrap()
 }
@@ -66,10 +66,10 @@ fn feed_rate_reads_a_waveform_from_a_file() {
     let same = json("feed-rate --waveform stick-slip --period 0.04 --a-min 1 --a-max 3");
     assert_near(&report["feed_m_s"], same["feed_m_s"].as_f64().unwrap(), 1e-15);
 
-    let output = feeder(&format!("tray-map --waveform {} --radius 0.08", path.display()));
+    let output = lab(&format!("tray-map --waveform {} --radius 0.08", path.display()));
     assert!(!output.status.success() && String::from_utf8_lossy(&output.stderr).contains("yaw"));
     let open = scratch_file("open.yaml", &text.replace("-3.0", "-2.9"));
-    let output = feeder(&format!("feed-rate --waveform {}", open.display()));
+    let output = lab(&format!("feed-rate --waveform {}", open.display()));
     assert!(!output.status.success() && String::from_utf8_lossy(&output.stderr).contains("velocity"));
 }
 
@@ -100,7 +100,7 @@ fn bad_input_names_the_parameter_and_its_range() {
         (stick_slip.to_string(), "--a-max"),
         (format!("{stick_slip} --a-max 10 --mu 0"), "friction"),
         (format!("{stick_slip} --a-max 10 --mu -0.2"), "friction"),
-        (format!("{stick_slip} --a-max 10 --mu 0.2 --mu-static 0.1"), "static friction"),
+        (format!("{stick_slip} --a-max 10 --mu 0.2 --mu-static 0.1"), "friction_static"),
         (format!("{stick_slip} --a-max 10 --slope-deg 90"), "slope"),
         (format!("{stick_slip} --a-max 10 --slope-deg NaN"), "slope"),
         (format!("{stick_slip} --a-max 10 --gravity 0"), "gravity"),
@@ -121,7 +121,7 @@ fn bad_input_names_the_parameter_and_its_range() {
         ("optimize tray --spacing 0".into(), "spacing"),
         (format!("{map} --rise NaN --radius 0.08"), "rise"),
     ] {
-        let output = feeder(&arguments);
+        let output = lab(&arguments);
         let text = String::from_utf8_lossy(&output.stderr);
         assert!(!output.status.success(), "{arguments} succeeded");
         assert!(text.contains(parameter), "{arguments}: {text}");
@@ -141,7 +141,7 @@ fn scratch_folder(name: &str) -> PathBuf {
 fn optimized_waveforms_come_as_files_that_feed_as_reported() {
     let folder = scratch_folder("waveforms");
     let limits = "--slope-deg 4 --period 0.0333 --a-max 11.772 --starts 3 --steps 600";
-    let output = feeder(&format!("optimize waveform {limits} --out {}", folder.display()));
+    let output = lab(&format!("optimize waveform {limits} --out {}", folder.display()));
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let report: Value = serde_saphyr::from_slice(&output.stdout).unwrap();
     assert_eq!(report["nominal"]["proven"], true);
@@ -157,7 +157,7 @@ fn optimized_waveforms_come_as_files_that_feed_as_reported() {
 fn optimized_trays_come_with_a_front_and_are_the_same_for_the_same_seed() {
     let search = "optimize tray --spacing 2,3 --period 0.0333 --mu-tolerance 0.1 --starts 1 --steps 60 --seed 3";
     let folder = scratch_folder("trays");
-    let output = feeder(&format!("{search} --out {}", folder.display()));
+    let output = lab(&format!("{search} --out {}", folder.display()));
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let report: Value = serde_saphyr::from_slice(&output.stdout).unwrap();
     assert_near(&report["paper"]["parts_per_min"], 25.24, 0.01);
@@ -175,7 +175,7 @@ fn optimized_trays_come_with_a_front_and_are_the_same_for_the_same_seed() {
 #[test]
 fn figures_come_with_their_numbers_and_a_page_of_claims() {
     let folder = scratch_folder("figures");
-    let output = feeder(&format!("figures --out {}", folder.display()));
+    let output = lab(&format!("figures --out {}", folder.display()));
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let files: Vec<String> =
         folder.read_dir().unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
@@ -198,7 +198,7 @@ fn figures_come_with_their_numbers_and_a_page_of_claims() {
 /// The lines of a table that a successful run prints.
 #[track_caller]
 fn lines(arguments: &str) -> Vec<String> {
-    let output = feeder(arguments);
+    let output = lab(arguments);
     assert!(output.status.success(), "{arguments}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap().lines().map(str::to_owned).collect()
 }
@@ -249,7 +249,7 @@ fn friction_is_found_in_a_csv_file_and_what_is_wrong_with_one_is_said() {
     let file = scratch_file("slip.csv", &text);
     assert_near(&json(&format!("identify-friction {}", file.display()))["kinetic_friction"], 0.15, 0.0015);
     let file = scratch_file("columns.csv", "time,tray,part\n0,0,0\n");
-    let output = feeder(&format!("identify-friction {}", file.display()));
+    let output = lab(&format!("identify-friction {}", file.display()));
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(!output.status.success() && said.contains("tray_velocity_m_s") && said.contains("columns.csv"), "{said}");
 }

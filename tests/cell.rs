@@ -96,7 +96,7 @@ fn a_part_is_looked_at_again_where_the_camera_sees_the_station() {
 /// A small version of `feeder-lab slip-study`.
 #[test]
 fn no_protected_part_slides_in_random_moves_and_20_percent_more_is_too_much() {
-    let ran = output(["slip-study", "--moves", "40"]);
+    let ran = crate::common::lab().args(["slip-study", "--moves", "40"]).output().unwrap();
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
     let study: Value = serde_json::from_slice(&ran.stdout).unwrap();
     assert_eq!(study["over_10_um"], 0, "{study}");
@@ -110,7 +110,7 @@ fn no_protected_part_slides_in_random_moves_and_20_percent_more_is_too_much() {
 fn the_planner_delivers_more_than_a_naive_one() {
     let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("launch_configs/three_stations.yaml");
     let domain = feeder_runtime::testing::TestDomain::claim();
-    let ran = crate::common::feeder()
+    let ran = crate::common::lab()
         .args(["compare-planners", "--duration", "45", "--domain", &domain.id.to_string(), "--scenario"])
         .arg(file)
         .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

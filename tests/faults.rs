@@ -240,7 +240,7 @@ const BAD_SCENARIOS: &[Bad] = &[
         key: "part",
         new: "part: { name: p, density_kg_m3: 1000, friction_static: 0, friction_kinetic: 0, reflectance: 0.5, \
               shape: { solids: [{ extruded: { outline: { circle: { radius_m: 0.003 } }, z_m: [0, 0.001] } }] }, wanted_poses: [pose_1] }",
-        said: &["part", "friction_static = 0", "at least"],
+        said: &["part", "friction_kinetic = 0", "above 0"],
     },
     Bad {
         what: "a part larger than the path",

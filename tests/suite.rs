@@ -14,6 +14,7 @@ mod interop;
 mod parameters;
 mod partner;
 mod peers;
+mod picking;
 mod system;
 mod tidy;
 mod wall_clock;

@@ -33,6 +33,7 @@ fn the_built_in_scenario_delivers_parts_the_right_way_up_and_without_slip() {
         "fed",
         "feeding",
         "max_slip_m",
+        "odometry",
         "parts_doubled",
         "parts_lost",
         "per_delivery_s",

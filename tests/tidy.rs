@@ -52,7 +52,7 @@ fn packages() -> Vec<Package> {
     let package = |package: &Value| Package {
         name: text(&package["name"]),
         folder: Path::new(package["manifest_path"].as_str().unwrap())
-            .strip_prefix(ROOT)
+            .strip_prefix(Path::new(ROOT).canonicalize().unwrap())
             .unwrap()
             .parent()
             .unwrap()

@@ -35,9 +35,18 @@ const PATIENCE: Duration = Duration::from_secs(180);
 
 const DISCOVERY_RANGE: &str = "ROS_AUTOMATIC_DISCOVERY_RANGE";
 
-/// The executable, in an environment that says nothing about ROS or logging.
+/// The `feeder` command, in an environment that says nothing about ROS or logging.
 pub(crate) fn feeder() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_feeder-under-test"));
+    in_silence(env!("CARGO_BIN_EXE_feeder-under-test"))
+}
+
+/// The `feeder-lab` command, likewise.
+pub(crate) fn lab() -> Command {
+    in_silence(env!("CARGO_BIN_EXE_lab-under-test"))
+}
+
+fn in_silence(executable: &str) -> Command {
+    let mut command = Command::new(executable);
     for variable in ["ROS_DOMAIN_ID", DISCOVERY_RANGE, "ROS_LOCALHOST_ONLY", "RUST_LOG"] {
         command.env_remove(variable);
     }

@@ -3,9 +3,10 @@
 //! RustDDS 0.15.1 writes the inline QoS of a fragment with a byte too many (`messages/submessages/data_frag.rs`, where an
 //! `Option` is written for its content). Fast DDS cannot read such a fragment, and what the writer sends to that reader
 //! afterwards waits behind it for ever. Of what ROS 2 sends only replies carry inline QoS: the identity of the request.
-//! A reply to Fast DDS that RustDDS would send in fragments therefore also goes out as what it should have been, one DATA
-//! submessage of the same writer and sequence number (RTPS 2.3, 9.4.5.3), which IP takes apart and puts together. The
-//! reader takes whichever it can read first, and acknowledges it to RustDDS.
+//! A reply to Fast DDS that RustDDS would send in fragments therefore goes out as one DATA submessage (RTPS 2.3, 9.4.5.3),
+//! which IP takes apart and puts together, with the sequence number that comes next; then RustDDS is given a stand-in
+//! without identity for that number. The reader takes what comes first, and acknowledges it to RustDDS; a client that
+//! only gets the stand-in, as the datagram was lost, takes it for nobody's answer.
 
 use std::net::{SocketAddr, UdpSocket};
 
@@ -41,7 +42,7 @@ mod parameter {
     pub(super) const RELATED_SAMPLE_IDENTITY_CUSTOM: u16 = 0x800f;
 }
 
-/// A sample that has been written, and the reader that must have it whole.
+/// A sample that is about to be written, and the reader that must have it whole.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct WholeSample<'a> {
     pub(super) writer: Guid,

@@ -35,6 +35,17 @@ const SEND_COUNT_MAX: u32 = 4;
 /// Pause before a reply that found the writer full is tried again.
 const FULL_PAUSE: Duration = Duration::from_millis(5);
 
+/// The body of a sample that stands for one that went out in a datagram of its own.
+const STAND_IN: Bytes = Bytes::from_static(&[0; 4]);
+
+/// Why a reply was not sent.
+enum SendError {
+    /// RustDDS did not take it.
+    Publish(PublishError),
+    /// The datagram could not be made or sent.
+    Datagram(String),
+}
+
 impl Participant {
     /// Offers a service, e.g. `/feeder/load_parts`, to clients of either wire form. Requests go to
     /// `deliver` on the participant's thread, which must return soon (see [the module](super)); the
@@ -240,18 +251,13 @@ impl ReplyHandle {
         let (payload, related) = self.form.reply(body);
         for turn in 0..SEND_COUNT_MAX {
             for reader in &readers {
-                let sequence = loop {
-                    match self.outlet.send(payload.clone(), Some(*reader), related) {
-                        Ok(sequence) => break sequence,
-                        Err(PublishError::Full { .. }) => sleep(FULL_PAUSE).await,
-                        Err(PublishError::Closed { reason, .. }) => return Err(reason),
+                while let Err(error) = self.send_to(*reader, &payload, related) {
+                    match error {
+                        SendError::Publish(PublishError::Full { .. }) => sleep(FULL_PAUSE).await,
+                        SendError::Publish(PublishError::Closed { reason, .. }) | SendError::Datagram(reason) => {
+                            return Err(reason);
+                        }
                     }
-                };
-                if let Some(related) = related
-                    && payload.len() > FRAGMENTED_ABOVE_BYTES
-                    && wire::speaks_related(*reader)
-                {
-                    self.send_whole(*reader, sequence, related, &payload)?;
                 }
             }
             if timeout(FIRST_RESEND_AFTER * (1 << turn), self.outlet.acknowledged()).await.is_ok() {
@@ -261,14 +267,27 @@ impl ReplyHandle {
         Err(format!("not acknowledged, though sent {SEND_COUNT_MAX} times"))
     }
 
-    /// Sends a reply that has been written once more, in one datagram: see [`datagram`].
-    fn send_whole(&self, reader: Guid, sequence: i64, related: SampleId, body: &[u8]) -> Result<(), String> {
-        let participant = self.participant.upgrade().ok_or("the participant has left")?;
+    /// Sends a reply to a reader: a long one to Fast DDS in one datagram, see [`datagram`].
+    fn send_to(&self, reader: Guid, payload: &Bytes, related: Option<SampleId>) -> Result<(), SendError> {
+        let Some(related) = related.filter(|_| payload.len() > FRAGMENTED_ABOVE_BYTES && wire::speaks_related(reader))
+        else {
+            return self.outlet.send(payload.clone(), Some(reader), related).map(|_| ()).map_err(SendError::Publish);
+        };
+        let participant =
+            self.participant.upgrade().ok_or_else(|| SendError::Datagram("the participant has left".to_owned()))?;
         let addresses = graph::reader_addresses(&participant.domain_participant, reader);
         let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
-        let sample = WholeSample { writer: self.outlet.guid(), reader, sequence, related, since_1970, body };
-        let message = sample.encode().map_err(|error| error.to_string())?;
-        datagram::send(&message, &addresses).map_err(|error| format!("the reply could not be sent whole: {error}"))
+        let mut sent = Ok(());
+        let send_whole = |sequence| {
+            let sample =
+                WholeSample { writer: self.outlet.guid(), reader, sequence, related, since_1970, body: payload };
+            sent = sample.encode().map_err(|error| error.to_string()).and_then(|message| {
+                datagram::send(&message, &addresses)
+                    .map_err(|error| format!("the reply could not be sent whole: {error}"))
+            });
+        };
+        self.outlet.send_after(send_whole, STAND_IN, Some(reader), None).map_err(SendError::Publish)?;
+        sent.map_err(SendError::Datagram)
     }
 }
 

@@ -1,4 +1,4 @@
-use std::sync::{Arc, mpsc};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
 use bytes::Bytes;
@@ -35,11 +35,14 @@ pub(crate) struct Outlet {
     pub(super) peers: Peers,
     topic: String,
     qos: Qos,
+    /// The sequence number of the last sample.
+    last: Mutex<i64>,
 }
 
 impl Writer {
     pub(super) fn start(participant: Arc<Inner>, raw: RawWriter, topic: &str, dds_type: &str, qos: Qos) -> Self {
-        let outlet = Arc::new(Outlet { raw, peers: Peers::default(), topic: topic.to_owned(), qos });
+        let outlet =
+            Arc::new(Outlet { raw, peers: Peers::default(), topic: topic.to_owned(), qos, last: Mutex::new(0) });
         let watch = {
             let (outlet, dds_type) = (outlet.clone(), dds_type.to_owned());
             let domain_participant = participant.domain_participant.clone();
@@ -134,6 +137,19 @@ impl Outlet {
         reader: Option<Guid>,
         related: Option<SampleId>,
     ) -> Result<i64, PublishError> {
+        self.send_after(|_| (), payload, reader, related)
+    }
+
+    /// As [`send`](Self::send), after something has been done with the sequence number that the sample will have.
+    pub(super) fn send_after(
+        &self,
+        before: impl FnOnce(i64),
+        payload: Bytes,
+        reader: Option<Guid>,
+        related: Option<SampleId>,
+    ) -> Result<i64, PublishError> {
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        before(*last + 1);
         let mut options = WriteOptionsBuilder::new()
             .source_timestamp(Timestamp::now())
             .related_sample_identity_opt(related.map(SampleId::to_dds));
@@ -143,7 +159,10 @@ impl Outlet {
         let sample = Raw { payload: padded(&payload), little_endian: true };
         // Polled once: there is either room now or there is not.
         match self.raw.async_write_with_options(sample, options.build()).now_or_never() {
-            Some(Ok(id)) => Ok(id.sequence_number.into()),
+            Some(Ok(id)) => {
+                *last = id.sequence_number.into();
+                Ok(*last)
+            }
             None | Some(Err(WriteError::WouldBlock { .. })) => {
                 Err(PublishError::Full { topic: self.topic.clone(), backlog: self.qos.backlog.into(), payload })
             }

@@ -150,7 +150,10 @@ impl Scenario {
             rechecked: rechecked.contains(&station.name),
         });
         let recipes = self.recipes(part).into_iter().map(|recipe| {
-            let waveform = recipe.waveform.map(|waveform| waveform.design(&self.tray.geometry, self.believed_friction(part))).transpose();
+            let waveform = recipe
+                .waveform
+                .map(|waveform| waveform.design(&self.tray.geometry, self.believed_friction(part)))
+                .transpose();
             let waveform = waveform.map_err(|error| invalid("recipes", &error))?;
             Ok(PlannedRecipe { name: recipe.name, pose_classes: recipe.pose_classes, waveform })
         });
