@@ -169,7 +169,7 @@ fn optimized_trays_come_with_a_front_and_are_the_same_for_the_same_seed() {
     for file in ["tray_robust_spacing_2.yaml", "waveform_nominal_spacing_3.yaml", "pareto.svg", "pareto.csv"] {
         assert!(folder.join(file).metadata().unwrap().len() > 0, "{file}");
     }
-    assert_eq!(feeder(search).stdout, output.stdout);
+    assert_eq!(lab(search).stdout, output.stdout);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use feeder_scenario::Scenario;
 use feeder_scenario::plan::DeliveryPlannerConfig;
 use serde_json::Value;
 
-use crate::common::{Outcome, Up, output};
+use crate::common::{Outcome, Up};
 
 fn scenario(name: &str) -> Scenario {
     let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("launch_configs").join(name);
