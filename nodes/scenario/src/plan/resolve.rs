@@ -176,6 +176,15 @@ impl Scenario {
         })
     }
 
+    /// The pose that the manipulators ask for: the first wanted one that the recipe in force at the start has, or else the
+    /// first that it has.
+    fn asked_pose(&self, part: &PartType) -> String {
+        let recipes = self.recipes(part);
+        let poses = recipes.first().map_or(&[][..], |recipe| &recipe.pose_classes);
+        let wanted = part.wanted_pose_names().find(|wanted| poses.iter().any(|pose| pose == wanted));
+        wanted.or(poses.first().map(String::as_str)).unwrap_or_default().to_owned()
+    }
+
     fn overhead_manipulator(&self, station: &Station, part: &PartType) -> OverheadManipulatorConfig {
         let feeders = self
             .feeders_of(station)
@@ -190,7 +199,7 @@ impl Scenario {
             seed: self.seed,
             feeders: feeders.collect(),
             part_class: part.name.clone(),
-            pose_class: part.wanted_pose_names().next().unwrap_or_default().to_owned(),
+            pose_class: self.asked_pose(part),
             manipulator: station.manipulator,
         }
     }
