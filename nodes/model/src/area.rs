@@ -1,15 +1,17 @@
 //! Areas: what a disc covers on its way along a polyline.
 
 use nalgebra::Vector2;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::range::OutOfRange;
 
 /// Everything within a radius of a polyline on the platen: a disc when the line is a single point, a corridor when not.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Area {
     /// The polyline in the platen frame, m.
+    #[schemars(with = "Vec<[f64; 2]>")]
     pub points_m: Vec<Vector2<f64>>,
     /// Distance from the line that still belongs to the area, m.
     pub radius_m: f64,

@@ -1,6 +1,7 @@
 //! What a driver and a motor must agree on: the command, the measurement, and what the tray carries.
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::range::{OutOfRange, check_range};
@@ -22,7 +23,7 @@ pub trait PlanarMotor {
 }
 
 /// What the tray carries, added to the courier's own mass and inertia.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Load {
     /// Mass, kg.

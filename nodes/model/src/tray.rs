@@ -2,13 +2,14 @@
 
 use std::f64::consts::TAU;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Geometry of the annular tray.
 ///
 /// The running surface lies between two cylindrical walls. Its height is z = c ψ on the ramp, 0 ≤ ψ < Θ, with
 /// c = rise/Θ, and z = rise on the plateau, Θ ≤ ψ < 2π; at ψ = 2π it drops to the foot of the ramp.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrayGeometry {
     /// Radius of the outer wall, m.
@@ -22,7 +23,7 @@ pub struct TrayGeometry {
 }
 
 /// The part of the running surface at an angle ψ.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Surface {
     /// The helical ramp, 0 ≤ ψ < Θ.

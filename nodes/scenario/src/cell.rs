@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use nalgebra::{Point3, Vector2, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Scenario, ScenarioError, Station, WaveformSpec, check_name, invalid};
@@ -13,7 +14,7 @@ use feeder_model::range::OutOfRange;
 use feeder_model::seed::seed_for;
 
 /// The platen.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PlatenSection {
     /// Agents of others use the platen too: an arbiter runs also when there is but one feeder.
@@ -23,7 +24,7 @@ pub struct PlatenSection {
 }
 
 /// A feeder of the same kind elsewhere on the same platen.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FurtherFeeder {
     /// Its name; its nodes live in the namespace of this name.
@@ -36,7 +37,7 @@ pub struct FurtherFeeder {
 }
 
 /// Something that the feeders can feed: resting poses of the part, and the vibration that suits.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
     /// Its name.

@@ -13,6 +13,7 @@ mod waveform;
 use std::fmt;
 use std::str::FromStr;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use catalogue::{PartSource, PartSourceError, catalogue_names};
@@ -39,7 +40,7 @@ pub const BUILT_IN: &str = include_str!("../../../launch_configs/default.yaml");
 const MODEL_FILE: (&str, &str) = ("models/grommet.yaml", include_str!("../../../launch_configs/models/grommet.yaml"));
 
 /// Everything a run depends on.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Scenario {
     /// Name of the feeder; its nodes live in the namespace of this name.
@@ -103,7 +104,7 @@ pub struct Scenario {
 }
 
 /// The simulated world, as far as it is not what control believes.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WorldSection {
     /// The motor: `ideal`, `assumed`, the name of a file with its values, or its values.
@@ -117,7 +118,7 @@ pub struct WorldSection {
 }
 
 /// What control believes where that is not so, to see what comes of it. What is left out is as it is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BelievedSection {
     /// Coefficient of static friction between part and tray with which moves reckon, in place of the part's own.
@@ -126,7 +127,7 @@ pub struct BelievedSection {
 }
 
 /// When a run ends.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RunSection {
     /// Simulated time after which the run ends, s.
@@ -146,7 +147,7 @@ impl RunSection {
 }
 
 /// Ticks of simulated time, and how late one node hears another.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TimeSection {
     /// Length of a tick, ms.
@@ -188,7 +189,7 @@ impl TimeSection {
 }
 
 /// The camera above the feeding place.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CameraSection {
     /// Time between frames, ms; a whole number of ticks.
@@ -200,7 +201,7 @@ pub struct CameraSection {
 }
 
 /// A place where a manipulator takes parts.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Station {
     /// Name of the station; its manipulator lives in the namespace of this name.

@@ -3,12 +3,13 @@
 use feeder_model::part::PartType;
 use feeder_model::tray::TrayGeometry;
 use feeder_sim::parts::{BulkSettings, PartBulk};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{ScenarioError, invalid};
 
 /// A part that lies at a stated place at the start.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlacedPart {
     /// Its resting pose, as the part names it.

@@ -1,8 +1,10 @@
 //! What a scenario states by name or spells out.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::marker::PhantomData;
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{DeserializeOwned, Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -37,5 +39,19 @@ impl<'de, T: DeserializeOwned> Deserialize<'de> for Source<T> {
             }
         }
         deserializer.deserialize_any(NameOrThing(PhantomData))
+    }
+}
+
+impl<T: JsonSchema> JsonSchema for Source<T> {
+    fn inline_schema() -> bool {
+        true
+    }
+
+    fn schema_name() -> Cow<'static, str> {
+        format!("SourceOf{}", T::schema_name()).into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        json_schema!({"anyOf": [generator.subschema_for::<String>(), generator.subschema_for::<T>()]})
     }
 }

@@ -1,5 +1,6 @@
 //! How a scenario states its waveform.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
@@ -11,7 +12,7 @@ use feeder_model::waveform::{Axis, OptimalDesign, Segment, Waveform, WaveformErr
 const DESIGN_FRICTION_SHARE: f64 = 0.9;
 
 /// A vibration of the tray about its centre. Accelerations are angular: divide those of a flat tray by the radius.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum WaveformSpec {
     /// Quaid Eqs 1–3.

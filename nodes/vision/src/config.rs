@@ -1,12 +1,13 @@
 //! What a scenario says about the selector.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{PoseHistoryConfig, TrackerConfig};
 use feeder_model::range::OutOfRange;
 
 /// What the selector is asked for and how sure it must be.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SelectorConfig {
     /// Resting poses in which parts are handed over unless a goal or a recipe asks for others. What may be picked does not

@@ -4,12 +4,13 @@ use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Isometry2, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use feeder_model::range::{OutOfRange, check_range};
 
 /// How odometry and images are brought together.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PoseHistoryConfig {
     /// Longest time between two odometry messages across which the tray's pose is interpolated, s.

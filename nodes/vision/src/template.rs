@@ -13,6 +13,7 @@
 use std::f64::consts::TAU;
 
 use nalgebra::{Point2, Rotation2, Vector2};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::search::MISS_MAX;
@@ -34,7 +35,7 @@ const STORED_STEPS: f32 = 100.0;
 pub(super) const SIDE_MAX: usize = 161;
 
 /// A picture of small numbers, row by row.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "Vec<String>", into = "Vec<String>")]
 pub struct Plane {
     width: usize,
@@ -89,7 +90,7 @@ impl TryFrom<Vec<String>> for Plane {
 }
 
 /// A taught resting pose.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PoseTemplate {
     /// Height of the part as it lies, m.
@@ -123,6 +124,7 @@ pub struct PoseTemplate {
     /// How far beyond its outline the part shades the plateau so that it shows, m.
     pub shade_reach_m: f64,
     /// Convex outline in the part's directions, counter-clockwise, m: what a gripper must reach round.
+    #[schemars(with = "Vec<[f64; 2]>")]
     pub outline_m: Vec<Point2<f64>>,
 }
 
@@ -297,7 +299,7 @@ impl PoseTemplate {
 }
 
 /// A taught part.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PartModel {
     /// Light on the bare plateau when the part was taught: coefficients of 1, u, v, u², uv, v² of its grey level, with u

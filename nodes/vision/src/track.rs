@@ -1,6 +1,7 @@
 //! Follows parts from frame to frame in the tray frame.
 
 use nalgebra::{Matrix2, Point2, Vector2};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Candidate;
@@ -8,7 +9,7 @@ use super::detector::yaw_difference_rad;
 use feeder_model::range::OutOfRange;
 
 /// How parts are followed.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrackerConfig {
     /// A part this far from where it was expected is another part, m.

@@ -1,6 +1,7 @@
 //! What a courier is set up with.
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::control::ControlParameters;
@@ -16,7 +17,7 @@ use feeder_model::range::check_range;
 use feeder_model::waveform::Waveform;
 
 /// Everything a courier is set up with.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CourierConfig {
     /// The envelope of commands.
@@ -32,6 +33,7 @@ pub struct CourierConfig {
     /// Time between servo ticks, s.
     pub servo_period_s: f64,
     /// Where the courier begins: x, y (m) and yaw (rad).
+    #[schemars(with = "[f64; 3]")]
     pub start: Vector3<f64>,
     /// Fewest periods over which a vibration fades in and out; more are taken where the envelope asks for it.
     pub fade_periods: u32,

@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use feeder_model::motor::Wrench;
@@ -21,7 +22,7 @@ pub struct SetPoint {
 }
 
 /// How the servo loop responds.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControlParameters {
     /// Natural frequency of the position loop, Hz. The assumed plant becomes unstable beyond some 60 Hz.

@@ -9,13 +9,14 @@
 use std::collections::VecDeque;
 
 use nalgebra::{Matrix3, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::response::step_response;
 use feeder_model::range::{OutOfRange, check_range};
 
 /// What the driver believes of its sensor, and of the forces that it does not command.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstimatorParameters {
     /// Noise of the position sensor along x and y, its resolution included, m rms.

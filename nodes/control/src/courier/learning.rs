@@ -13,6 +13,7 @@ mod delay;
 mod lesson;
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::delay::DelayEstimate;
@@ -26,7 +27,7 @@ use feeder_model::range::check_range;
 use feeder_model::waveform::Waveform;
 
 /// How waveforms are learned.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LearningParameters {
     /// Whether to learn at all. If so, the set point of a vibration is its waveform up to the cut-off.

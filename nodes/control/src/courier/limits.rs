@@ -1,6 +1,7 @@
 //! What the courier may be commanded to do.
 
 use nalgebra::{Vector2, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -10,7 +11,7 @@ use feeder_model::range::{OutOfRange, check_range};
 /// The courier's envelope, and the mass by which a commanded acceleration becomes a force.
 ///
 /// The paper publishes about 1.5 m/s, several g and ±2° of yaw; force, torque, mass and inertia are assumed.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CourierLimits {
     /// Lower bound of the courier's centre on the platen along x, m.

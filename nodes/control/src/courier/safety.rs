@@ -1,6 +1,7 @@
 //! What is watched while the courier moves, and what makes the driver stop it.
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::report::{Commander, Fault};
@@ -10,7 +11,7 @@ use feeder_model::range::check_range;
 use feeder_model::trajectory::AXES;
 
 /// When the driver takes the courier to be out of control.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SafetyParameters {
     /// Distance from the set point beyond which the driver faults, m.

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use nalgebra::{Vector2, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::plan::GentleParameters;
@@ -13,7 +14,7 @@ use feeder_model::range::OutOfRange;
 use feeder_model::range::check_range;
 
 /// Which parts a move must not disturb.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Policy {
     /// The part to be delivered, and with it whatever lies on the plateau.
@@ -24,10 +25,11 @@ pub enum Policy {
 }
 
 /// A delivery planner's parameters.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DeliveryConfig {
     /// Where the courier feeds and the camera sees the plateau: x, y (m) and yaw (rad) on the platen.
+    #[schemars(with = "[f64; 3]")]
     pub feeding_place: Vector3<f64>,
     /// Where each station's tool axis meets the platen's plane, by the station's name, m; the scenario's.
     #[serde(skip)]

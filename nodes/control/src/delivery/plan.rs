@@ -1,6 +1,7 @@
 //! Planning a move in which no protected part slides.
 
 use nalgebra::{Vector2, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -16,7 +17,7 @@ use feeder_model::range::check_range;
 use feeder_model::tray::TrayGeometry;
 
 /// How gently parts are carried.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct GentleParameters {
     /// Coefficient of static friction between part and tray: the part's own, not a setting.

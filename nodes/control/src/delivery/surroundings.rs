@@ -3,6 +3,7 @@
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::Vector2;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::plan::PlanError;
@@ -11,10 +12,11 @@ use feeder_model::range::OutOfRange;
 use feeder_model::range::check_range;
 
 /// The cable that ties a courier to the edge of the platen.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Tether {
     /// Where it is fixed, m.
+    #[schemars(with = "[f64; 2]")]
     pub anchor_m: Vector2<f64>,
     /// How far from there the courier's centre can go, m.
     pub length_m: f64,

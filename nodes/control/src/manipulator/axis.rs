@@ -1,7 +1,7 @@
 //! A rest-to-rest move of one axis with trapezoidal speed.
 
 /// What an axis can do: lengths in m or rad.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AxisSpeed {
     /// Largest speed, m/s or rad/s.

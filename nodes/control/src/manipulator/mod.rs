@@ -10,12 +10,13 @@ use axis::RestToRest;
 use rand::RngExt as _;
 use rand_distr::{Distribution as _, StandardNormal};
 use rand_pcg::Pcg64Mcg;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use feeder_model::range::OutOfRange;
 
 /// A manipulator and how it works.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ManipulatorConfig {
     /// Height of the open gripper above the plateau while it waits, m.

@@ -1,6 +1,7 @@
 //! Pinhole camera with plumb-bob distortion, looking straight down at the platen.
 
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector2};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::spec::{CameraPose, CameraSpec, Distortion};
@@ -12,12 +13,13 @@ const UNDISTORT_ITERATIONS: usize = 20;
 const UNDISTORT_TOLERANCE: f64 = 1e-12;
 
 /// A calibrated camera: which pixel sees which point of the platen frame.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "CameraSpec", into = "CameraSpec")]
 pub struct CameraModel {
     width_px: u32,
     height_px: u32,
     focal_length_px: f64,
+    #[schemars(with = "[f64; 2]")]
     principal_point_px: Vector2<f64>,
     distortion: Distortion,
     pose: CameraPose,

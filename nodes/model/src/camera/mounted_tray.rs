@@ -3,13 +3,14 @@
 use std::f64::consts::TAU;
 
 use nalgebra::Point2;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::range::OutOfRange;
 use crate::tray::TrayGeometry;
 
 /// The tray on its courier: what camera and selector must know of its heights.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MountedTray {
     /// Shape of the running surface.

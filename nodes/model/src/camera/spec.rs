@@ -1,9 +1,10 @@
 //! What a scenario says about a camera.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Plumb-bob (Brown–Conrady) lens distortion as in `sensor_msgs/CameraInfo`; all zero is a perfect pinhole.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Distortion {
     /// Radial coefficient of r².
@@ -20,7 +21,7 @@ pub struct Distortion {
 
 /// Where the camera hangs. It looks straight down; at zero yaw the image's x is the platen's x and the image's y (down)
 /// is the platen's −y.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CameraPose {
     /// Optical centre, x in the platen frame, m.
@@ -35,7 +36,7 @@ pub struct CameraPose {
 }
 
 /// What a scenario says about a camera; [`CameraModel`](super::CameraModel) is the checked form.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CameraSpec {
     /// Image width, px.

@@ -1,6 +1,7 @@
 //! The shape of a part as its file states it.
 
 use nalgebra::Point3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -10,7 +11,7 @@ use super::{MeshError, PartMesh, Solid};
 use crate::range::OutOfRange;
 
 /// The shape of a part.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum ShapeSpec {
     /// Solids that touch but do not overlap.
@@ -32,7 +33,7 @@ fn millimetre() -> f64 {
 }
 
 /// Triangles not yet checked.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RawMesh {
     /// Vertices, m.

@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use earcut::Earcut;
 use nalgebra::{Point2, Point3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::shape::ShapeError;
@@ -16,7 +17,7 @@ const CIRCLE_SIDES: u32 = 64;
 const SIDES_MAX: u32 = 360;
 
 /// A simple solid, standing on the part's x–y plane or wherever its numbers put it. Lengths in m.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Solid {
     /// A profile turned about the z axis.
@@ -43,7 +44,7 @@ pub enum Solid {
 }
 
 /// A closed line in the x–y plane.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Loop {
     /// A circle, in truth a polygon of 64 sides.

@@ -14,6 +14,7 @@
 
 use std::array::from_fn;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::range::OutOfRange;
@@ -32,7 +33,7 @@ pub enum Swerve {
 }
 
 /// Coulomb friction between part and tray.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "Coefficients", into = "Coefficients")]
 pub struct Friction {
     at_rest: f64,
@@ -40,7 +41,7 @@ pub struct Friction {
 }
 
 /// Friction as it stands in a file.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Coefficients {
     #[serde(rename = "static")]

@@ -1,11 +1,12 @@
 //! A part as its file states it.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::ShapeSpec;
 
 /// Content of a part file, not yet checked.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PartSpec {
     /// Name of the part type.
@@ -32,7 +33,7 @@ pub struct PartSpec {
 }
 
 /// A name for a stable pose.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PoseName {
     /// The name.
@@ -42,7 +43,7 @@ pub struct PoseName {
 }
 
 /// How a part came to lie in rigid-body drops, and how they were done.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DropTable {
     /// Program and version.

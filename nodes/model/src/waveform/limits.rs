@@ -1,11 +1,12 @@
 //! What an axis of the courier can do, and whether a waveform stays within it.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Waveform;
 
 /// Limits of one axis: m, m/s, m/s² on X and Y; rad, rad/s, rad/s² on Yaw.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AxisLimits {
     /// Largest magnitude of acceleration.

@@ -10,6 +10,7 @@ mod limits;
 mod reshape;
 mod shapes;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::range::OutOfRange;
@@ -20,7 +21,7 @@ pub use limits::{AxisLimits, LimitExceeded};
 pub use shapes::OptimalDesign;
 
 /// The courier axis a waveform drives.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Axis {
     /// Translation along the platen's x; accelerations in m/s².
@@ -32,7 +33,7 @@ pub enum Axis {
 }
 
 /// A stretch of constant acceleration.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Segment {
     /// How long it lasts, s.
@@ -44,7 +45,7 @@ pub struct Segment {
 /// One period of a vibration: segments of constant acceleration on one axis, without net change of velocity.
 ///
 /// Lengths, speeds and accelerations are in m, m/s and m/s² on X and Y, in rad, rad/s and rad/s² on Yaw.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "Description", into = "Description")]
 pub struct Waveform {
     axis: Axis,
@@ -54,7 +55,7 @@ pub struct Waveform {
 }
 
 /// A waveform as it stands in a file, before it is checked.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Description {
     axis: Axis,

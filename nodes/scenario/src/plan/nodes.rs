@@ -14,6 +14,7 @@ use feeder_sim::motor::MotorParameters;
 use feeder_sim::parts::{BulkSettings, PartBulk};
 use feeder_vision::{PartModel, Selector, SelectorConfig};
 use nalgebra::{Vector2, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::placed::bulk_with;
@@ -100,7 +101,7 @@ pub(crate) fn check_tick(tick_ms: u64) -> Result<(), ScenarioError> {
 }
 
 /// Configuration of the waveform generator.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WaveformGeneratorConfig {
     /// Time between steps, ms.
@@ -121,7 +122,7 @@ impl WaveformGeneratorConfig {
 }
 
 /// Configuration of the courier driver, with the motor that stands in for the machine.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CourierDriverConfig {
     /// Time between steps, ms; a whole number of servo periods.
@@ -158,7 +159,7 @@ impl CourierDriverConfig {
 }
 
 /// The camera as it is simulated.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SimulatedCamera {
     /// Time between frames, ms.
@@ -191,7 +192,7 @@ impl SimulatedCamera {
 }
 
 /// Configuration of the part simulator.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PartSimulatorConfig {
     /// Time between steps, ms.
@@ -205,6 +206,7 @@ pub struct PartSimulatorConfig {
     /// The tray and how it sits on the courier.
     pub tray: MountedTray,
     /// Where the tray is at first: x, y (m) and yaw (rad) on the platen.
+    #[schemars(with = "[f64; 3]")]
     pub tray_start: Vector3<f64>,
     /// How the parts behave in bulk.
     pub bulk: BulkSettings,
@@ -215,6 +217,7 @@ pub struct PartSimulatorConfig {
     /// The hopper adds parts while fewer than this are in the feeder; 0: there is none.
     pub refill_below: u32,
     /// Where the tray stands under the hopper, x and y on the platen, m.
+    #[schemars(with = "[f64; 2]")]
     pub hopper_m: Vector2<f64>,
     /// The namespaces of the services by which grippers close on parts.
     pub pick_namespaces: Vec<String>,
@@ -247,7 +250,7 @@ impl PartSimulatorConfig {
 }
 
 /// Configuration of the vision selector.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VisionSelectorConfig {
     /// Time between steps, ms.
@@ -293,7 +296,7 @@ impl VisionSelectorConfig {
 }
 
 /// A station as the delivery planner knows it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlannedStation {
     /// Its name.
@@ -307,7 +310,7 @@ pub struct PlannedStation {
 }
 
 /// Something that the feeder can feed.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlannedRecipe {
     /// Its name.
@@ -320,7 +323,7 @@ pub struct PlannedRecipe {
 }
 
 /// Configuration of the delivery planner.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DeliveryPlannerConfig {
     /// Time between steps, ms.
@@ -379,7 +382,7 @@ impl DeliveryPlannerConfig {
 }
 
 /// A feeder as a manipulator knows it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ServedFeeder {
     /// Its name.
@@ -389,7 +392,7 @@ pub struct ServedFeeder {
 }
 
 /// Configuration of an overhead manipulator.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OverheadManipulatorConfig {
     /// Time between steps, ms.
@@ -423,7 +426,7 @@ impl OverheadManipulatorConfig {
 }
 
 /// Configuration of the platen arbiter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlatenArbiterConfig {
     /// Time between steps, ms.
@@ -438,7 +441,7 @@ impl PlatenArbiterConfig {
 }
 
 /// Configuration of the run monitor.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RunMonitorConfig {
     /// Time between steps, ms.

@@ -1,12 +1,13 @@
 //! The light over the feeder, and what it makes of a surface.
 
 use nalgebra::Vector2;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use feeder_model::range::OutOfRange;
 
 /// A lamp seen from one direction plus diffuse light from all round, unevenly spread over the picture.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LightModel {
     /// Grey level of a level, perfectly white surface in the middle of the picture, at an exposure of 0.5 ms.

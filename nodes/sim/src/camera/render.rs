@@ -3,6 +3,7 @@
 use image::GrayImage;
 use nalgebra::{Isometry2, Point2, Vector2};
 use rand::Rng;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::noise::NoiseTable;
@@ -20,7 +21,7 @@ const SHARP_PX: f64 = 0.5;
 const SUB_SHOTS_MAX: f64 = 8.0;
 
 /// The sensor behind the lens.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorModel {
     /// Standard deviation of the Gaussian noise, grey levels of 255.

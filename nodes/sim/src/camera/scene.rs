@@ -1,11 +1,12 @@
 //! How bright the surfaces under the camera are.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use feeder_model::range::OutOfRange;
 
 /// How bright the fixed surfaces are: the share of light that comes back from each.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrayAppearance {
     /// The running surface.

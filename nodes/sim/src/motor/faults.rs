@@ -1,12 +1,13 @@
 //! What can be made to go wrong with the simulated motor, for tests.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use feeder_model::range::OutOfRange;
 use feeder_model::range::check_range;
 
 /// A stretch of the plant's own time.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Window {
     /// Its start, s since the plant's start.
@@ -16,7 +17,7 @@ pub struct Window {
 }
 
 /// A stretch of the plant's own time in which something is so bad.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SizedWindow {
     /// Its start, s since the plant's start.
@@ -28,7 +29,7 @@ pub struct SizedWindow {
 }
 
 /// The faults of a simulated motor; the driver is told of none.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FaultHooks {
     /// The courier stands still whatever the forcers do, as when the air fails.

@@ -1,5 +1,6 @@
 //! What the simulated motor is like.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::faults::FaultHooks;
@@ -11,7 +12,7 @@ use feeder_model::range::check_range;
 /// Forcers 1 and 2 push along x and sit at y = ∓ the arm, forcers 3 and 4 push along y and sit at x = ± the arm; forces
 /// are positive along the axis. [`Self::IDEAL`] follows any command inside the envelope exactly; the assumed motor, `launch_configs/plants/assumed.yaml`, has the
 /// imperfections by which plain feedback fails to feed.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotorParameters {
     /// Mass, kg.

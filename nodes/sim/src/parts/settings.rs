@@ -2,6 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use feeder_model::part::PartType;
@@ -12,7 +13,7 @@ use feeder_model::tray::TrayGeometry;
 const LARGEST_TRAY_M: f64 = 10.0;
 
 /// Parameters of the bulk. The defaults suit the tray of the paper; contact, settling and landing are assumed values.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BulkSettings {
     /// Parts are loaded with their centres no nearer to the tray's axis than this, m. It must lie outside the critical
