@@ -3,6 +3,10 @@
 use std::borrow::Cow;
 use std::fmt;
 
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value;
+
 /// A parameter outside its allowed range. NaN and infinity lie outside every range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{parameter} = {value} is outside its range: {allowed}")]
@@ -62,9 +66,61 @@ pub fn check_range(parameter: impl Into<Cow<'static, str>>, value: f64, min: f64
     OutOfRange::unless((min..=max).contains(&value), parameter, value, format_args!("{min} to {max}"))
 }
 
+/// Checks the numbers of a struct, and those in its lists, against the ranges that its fields state with
+/// `#[schemars(range(..))]`. Structs within it check themselves. `prefix` goes before the fields' names.
+///
+/// # Errors
+///
+/// The first field out of its range; NaN for infinity, which JSON does not know either.
+pub fn check_ranges<T: Serialize + JsonSchema>(prefix: &str, values: &T) -> Result<(), OutOfRange> {
+    let schema = schemars::schema_for!(T);
+    let fields = schema.get("properties").and_then(Value::as_object);
+    let Ok(values) = serde_json::to_value(values) else { return Ok(()) };
+    for (name, schema) in fields.into_iter().flatten() {
+        let value = &values[name.as_str()];
+        check_in_schema(&format!("{prefix}{name}"), value, schema)?;
+        for value in value.as_array().into_iter().flatten() {
+            check_in_schema(&format!("{prefix}{name}"), value, &schema["items"])?;
+        }
+    }
+    Ok(())
+}
+
+fn check_in_schema(name: &str, value: &Value, schema: &Value) -> Result<(), OutOfRange> {
+    match (schema["minimum"].as_f64(), schema["maximum"].as_f64()) {
+        (Some(min), Some(max)) => check_range(name.to_owned(), value.as_f64().unwrap_or(f64::NAN), min, max),
+        _ => Ok(()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[derive(Serialize, JsonSchema)]
+    struct Sizes {
+        #[schemars(range(min = 0.5, max = 2.0))]
+        width_m: f64,
+        #[schemars(inner(range(min = -1.0, max = 1.0)))]
+        offsets_m: [f64; 2],
+        #[schemars(range(min = 1, max = 4))]
+        count: u32,
+        free: f64,
+    }
+
+    #[test]
+    fn ranges_of_fields_are_those_of_the_schema() {
+        let good = || Sizes { width_m: 0.5, offsets_m: [-1.0, 1.0], count: 4, free: f64::NAN };
+        assert_eq!(check_ranges("sizes.", &good()), Ok(()));
+        for (sizes, says) in [
+            (Sizes { width_m: 2.5, ..good() }, "sizes.width_m = 2.5 is outside its range: 0.5 to 2"),
+            (Sizes { width_m: f64::NAN, ..good() }, "sizes.width_m = NaN is outside its range: 0.5 to 2"),
+            (Sizes { offsets_m: [0.0, 1.5], ..good() }, "sizes.offsets_m = 1.5 is outside its range: -1 to 1"),
+            (Sizes { count: 0, ..good() }, "sizes.count = 0 is outside its range: 1 to 4"),
+        ] {
+            assert_eq!(check_ranges("sizes.", &sizes).unwrap_err().to_string(), says);
+        }
+    }
 
     #[test]
     fn the_complaint_names_parameter_value_and_range() {

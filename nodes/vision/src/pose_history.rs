@@ -7,17 +7,20 @@ use nalgebra::{Isometry2, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use feeder_model::range::{OutOfRange, check_range};
+use feeder_model::range::{OutOfRange, check_ranges};
 
 /// How odometry and images are brought together.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PoseHistoryConfig {
     /// Longest time between two odometry messages across which the tray's pose is interpolated, s.
+    #[schemars(range(min = 1e-3, max = 1.0))]
     pub gap_s_max: f64,
     /// Longest time that an image may be older than the latest odometry, s.
+    #[schemars(range(min = 0.01, max = 10.0))]
     pub age_s_max: f64,
     /// Longest time that an image waits for the odometry that follows it, s.
+    #[schemars(range(min = 0.0, max = 2.0))]
     pub wait_s_max: f64,
 }
 
@@ -34,9 +37,7 @@ impl PoseHistoryConfig {
     ///
     /// [`OutOfRange`] naming the field.
     pub fn validate(&self) -> Result<(), OutOfRange> {
-        check_range("selector.odometry.gap_s_max", self.gap_s_max, 1e-3, 1.0)?;
-        check_range("selector.odometry.age_s_max", self.age_s_max, 0.01, 10.0)?;
-        check_range("selector.odometry.wait_s_max", self.wait_s_max, 0.0, 2.0)
+        check_ranges("selector.odometry.", self)
     }
 }
 

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use feeder_model::motor::Wrench;
 use feeder_model::range::OutOfRange;
-use feeder_model::range::check_range;
+use feeder_model::range::{check_range, check_ranges};
 
 /// Where the courier is to be at a servo tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -26,10 +26,13 @@ pub struct SetPoint {
 #[serde(deny_unknown_fields, default)]
 pub struct ControlParameters {
     /// Natural frequency of the position loop, Hz. The assumed plant becomes unstable beyond some 60 Hz.
+    #[schemars(range(min = 1.0, max = 300.0))]
     pub bandwidth_hz: f64,
     /// Damping ratio of the position loop.
+    #[schemars(range(min = 0.1, max = 3.0))]
     pub damping_ratio: f64,
     /// Corner frequency of the filter on the velocity error, Hz.
+    #[schemars(range(min = 10.0, max = 1e5))]
     pub velocity_filter_hz: f64,
     /// Time in which the integral of a constant error grows as large as its proportional part, s; 0 for no integral.
     /// It takes up constant forces such as the tether's.
@@ -56,9 +59,7 @@ impl ControlParameters {
     /// # Errors
     /// The first parameter that is not finite or out of range.
     pub fn validate(&self) -> Result<(), OutOfRange> {
-        check_range("control.bandwidth_hz", self.bandwidth_hz, 1.0, 300.0)?;
-        check_range("control.damping_ratio", self.damping_ratio, 0.1, 3.0)?;
-        check_range("control.velocity_filter_hz", self.velocity_filter_hz, 10.0, 1e5)?;
+        check_ranges("control.", self)?;
         // Faster than this it would destabilise the loop.
         let shortest_s = 4.0 / (TAU * self.bandwidth_hz);
         let integral_time_s = if self.integral_time_s == 0.0 { shortest_s } else { self.integral_time_s };

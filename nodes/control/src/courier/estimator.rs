@@ -13,25 +13,32 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::response::step_response;
-use feeder_model::range::{OutOfRange, check_range};
+use feeder_model::range::{OutOfRange, check_ranges};
 
 /// What the driver believes of its sensor, and of the forces that it does not command.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstimatorParameters {
     /// Noise of the position sensor along x and y, its resolution included, m rms.
+    #[schemars(range(min = 1e-9, max = 1e-3))]
     pub sensor_noise_m_rms: f64,
     /// Noise of the position sensor in yaw, its resolution included, rad rms.
+    #[schemars(range(min = 1e-8, max = 1e-2))]
     pub sensor_noise_rad_rms: f64,
     /// Acceleration of translation that nothing explains, anew at every tick, m/s² rms.
+    #[schemars(range(min = 1e-4, max = 100.0))]
     pub unexplained_m_s2_rms: f64,
     /// Acceleration of rotation that nothing explains, anew at every tick, rad/s² rms.
+    #[schemars(range(min = 1e-3, max = 1e3))]
     pub unexplained_rad_s2_rms: f64,
     /// Share of a commanded acceleration that may be off, by ripple of the force or by a mass that is not known well.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub command_error: f64,
     /// By how much a constant acceleration of translation, such as the tether's, may change within a second, m/s² rms.
+    #[schemars(range(min = 0.0, max = 100.0))]
     pub drift_m_s2: f64,
     /// By how much a constant acceleration of rotation may change within a second, rad/s² rms.
+    #[schemars(range(min = 0.0, max = 1e3))]
     pub drift_rad_s2: f64,
 }
 
@@ -55,13 +62,7 @@ impl EstimatorParameters {
     /// # Errors
     /// The first parameter that is not finite or out of range.
     pub fn validate(&self) -> Result<(), OutOfRange> {
-        check_range("estimator.sensor_noise_m_rms", self.sensor_noise_m_rms, 1e-9, 1e-3)?;
-        check_range("estimator.sensor_noise_rad_rms", self.sensor_noise_rad_rms, 1e-8, 1e-2)?;
-        check_range("estimator.unexplained_m_s2_rms", self.unexplained_m_s2_rms, 1e-4, 100.0)?;
-        check_range("estimator.unexplained_rad_s2_rms", self.unexplained_rad_s2_rms, 1e-3, 1e3)?;
-        check_range("estimator.command_error", self.command_error, 0.0, 1.0)?;
-        check_range("estimator.drift_m_s2", self.drift_m_s2, 0.0, 100.0)?;
-        check_range("estimator.drift_rad_s2", self.drift_rad_s2, 0.0, 1e3)
+        check_ranges("estimator.", self)
     }
 }
 

@@ -23,7 +23,7 @@ use super::fourier::Fourier;
 use super::response::NominalLoop;
 use feeder_model::motor::Wrench;
 use feeder_model::range::OutOfRange;
-use feeder_model::range::check_range;
+use feeder_model::range::{check_range, check_ranges};
 use feeder_model::waveform::Waveform;
 
 /// How waveforms are learned.
@@ -38,16 +38,21 @@ pub struct LearningParameters {
     /// less than the sensor's noise.
     pub lateral_cutoff_hz: f64,
     /// Share of the error that the first updates remove.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub gain: f64,
     /// Number of updates before the gain falls.
     pub constant_updates: u32,
     /// How much one update more lowers the gain: γ_j = gain/(1 + decay (j − constant updates)).
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub decay: f64,
     /// The gain's floor, which keeps following slow changes.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub gain_min: f64,
     /// The delay of the loop as far as known, s; what it really is, is estimated.
+    #[schemars(range(min = 0.0, max = 0.02))]
     pub nominal_delay_s: f64,
     /// The plant's lag as far as known, s.
+    #[schemars(range(min = 0.0, max = 0.02))]
     pub nominal_lag_s: f64,
 }
 
@@ -73,15 +78,11 @@ impl LearningParameters {
     /// # Errors
     /// The first parameter that is not finite or out of range.
     pub fn validate(&self, servo_period_s: f64) -> Result<(), OutOfRange> {
+        check_ranges("learning.", self)?;
         // Closer to half the servo rate, force and position of the ticks say too little of each other.
         let cutoff_hz_max = if self.enabled { 0.475 / servo_period_s } else { f64::MAX };
         check_range("learning.cutoff_hz", self.cutoff_hz, 10.0, cutoff_hz_max)?;
-        check_range("learning.lateral_cutoff_hz", self.lateral_cutoff_hz, 0.0, cutoff_hz_max)?;
-        check_range("learning.gain", self.gain, 0.0, 1.0)?;
-        check_range("learning.decay", self.decay, 0.0, 10.0)?;
-        check_range("learning.gain_min", self.gain_min, 0.0, 1.0)?;
-        check_range("learning.nominal_delay_s", self.nominal_delay_s, 0.0, 0.02)?;
-        check_range("learning.nominal_lag_s", self.nominal_lag_s, 0.0, 0.02)
+        check_range("learning.lateral_cutoff_hz", self.lateral_cutoff_hz, 0.0, cutoff_hz_max)
     }
 
     /// The gain of an update, counted from 0.

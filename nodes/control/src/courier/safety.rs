@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::report::{Commander, Fault};
 use crate::courier::limits::CourierLimits;
 use feeder_model::range::OutOfRange;
-use feeder_model::range::check_range;
+use feeder_model::range::check_ranges;
 use feeder_model::trajectory::AXES;
 
 /// When the driver takes the courier to be out of control.
@@ -15,26 +15,37 @@ use feeder_model::trajectory::AXES;
 #[serde(deny_unknown_fields, default)]
 pub struct SafetyParameters {
     /// Distance from the set point beyond which the driver faults, m.
+    #[schemars(range(min = 1e-5, max = 0.1))]
     pub tracking_error_m_max: f64,
     /// Yaw from the set point beyond which the driver faults, rad.
+    #[schemars(range(min = 1e-5, max = 0.1))]
     pub tracking_error_rad_max: f64,
     /// How far beyond the bounds of platen and tether the courier may be, m.
+    #[schemars(range(min = 1e-6, max = 0.1))]
     pub position_margin_m: f64,
     /// How far beyond the bound of yaw it may be, rad.
+    #[schemars(range(min = 1e-6, max = 0.1))]
     pub yaw_margin_rad: f64,
     /// How much faster than the bound it may be, relative.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub speed_margin: f64,
     /// How long force or torque may be cut to their peaks without a break, s.
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub saturation_s_max: f64,
     /// How long the courier may stand still while its set point moves by at least ten times the distances below, s.
+    #[schemars(range(min = 0.01, max = 10.0))]
     pub stuck_s_max: f64,
     /// Movement of the sensor's reading that is mere noise, m.
+    #[schemars(range(min = 0.0, max = 1e-3))]
     pub still_m: f64,
     /// The same of yaw, rad.
+    #[schemars(range(min = 0.0, max = 1e-2))]
     pub still_rad: f64,
     /// How long the sensor may give no number, s. Meanwhile the courier runs on feed-forward.
+    #[schemars(range(min = 0.0, max = 0.1))]
     pub sensor_silence_s_max: f64,
     /// How long a commander that has been heard may be silent while the courier moves at its wish, s; 0 for ever.
+    #[schemars(range(min = 0.0, max = 3600.0))]
     pub command_silence_s_max: f64,
 }
 
@@ -62,17 +73,7 @@ impl SafetyParameters {
     /// # Errors
     /// The first parameter that is not finite or out of range.
     pub fn validate(&self) -> Result<(), OutOfRange> {
-        check_range("safety.tracking_error_m_max", self.tracking_error_m_max, 1e-5, 0.1)?;
-        check_range("safety.tracking_error_rad_max", self.tracking_error_rad_max, 1e-5, 0.1)?;
-        check_range("safety.position_margin_m", self.position_margin_m, 1e-6, 0.1)?;
-        check_range("safety.yaw_margin_rad", self.yaw_margin_rad, 1e-6, 0.1)?;
-        check_range("safety.speed_margin", self.speed_margin, 0.0, 1.0)?;
-        check_range("safety.saturation_s_max", self.saturation_s_max, 0.0, 10.0)?;
-        check_range("safety.stuck_s_max", self.stuck_s_max, 0.01, 10.0)?;
-        check_range("safety.still_m", self.still_m, 0.0, 1e-3)?;
-        check_range("safety.still_rad", self.still_rad, 0.0, 1e-2)?;
-        check_range("safety.sensor_silence_s_max", self.sensor_silence_s_max, 0.0, 0.1)?;
-        check_range("safety.command_silence_s_max", self.command_silence_s_max, 0.0, 3600.0)
+        check_ranges("safety.", self)
     }
 }
 

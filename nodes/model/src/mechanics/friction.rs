@@ -44,8 +44,10 @@ pub struct Friction {
 #[derive(Clone, Copy, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Coefficients {
+    /// Coefficient of static friction.
     #[serde(rename = "static")]
     at_rest: f64,
+    /// Coefficient of kinetic friction.
     kinetic: f64,
 }
 

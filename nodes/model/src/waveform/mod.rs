@@ -58,7 +58,9 @@ pub struct Waveform {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Description {
+    /// The axis it drives.
     axis: Axis,
+    /// Segments of constant acceleration, in order.
     segments: Vec<Segment>,
 }
 

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::faults::FaultHooks;
 use feeder_model::range::OutOfRange;
-use feeder_model::range::check_range;
+use feeder_model::range::{check_range, check_ranges};
 
 /// A rigid courier driven by four forcers, tethered, and measured by a sensor.
 ///
@@ -16,52 +16,75 @@ use feeder_model::range::check_range;
 #[serde(deny_unknown_fields, default)]
 pub struct MotorParameters {
     /// Mass, kg.
+    #[schemars(range(min = 1e-2, max = 100.0))]
     pub mass_kg: f64,
     /// Moment of inertia about the courier's centre of mass, kg m².
+    #[schemars(range(min = 1e-6, max = 10.0))]
     pub inertia_kg_m2: f64,
     /// Offset of the centre of mass from the courier's centre along x and y, m. Yaw is too small to turn it.
+    #[schemars(inner(range(min = -0.05, max = 0.05)))]
     pub center_of_mass_offset_m: [f64; 2],
     /// Force at which each of the four forcers saturates, N.
+    #[schemars(range(min = 1e-3, max = 1e3))]
     pub forcer_force_n_max: f64,
     /// Distance of each forcer's line of force from the courier's centre, m.
+    #[schemars(range(min = 1e-3, max = 1.0))]
     pub forcer_arm_m: f64,
     /// Time from a command to its first effect, s.
+    #[schemars(range(min = 0.0, max = 0.02))]
     pub delay_s: f64,
     /// Time constant of the force's first-order response, s; 0 for none.
+    #[schemars(range(min = 0.0, max = 0.02))]
     pub lag_s: f64,
     /// Force ripple of each forcer relative to its force, once a tooth pitch.
+    #[schemars(range(min = 0.0, max = 0.5))]
     pub ripple: f64,
     /// Phase of each forcer's ripple where the courier's position is 0, rad.
+    #[schemars(inner(range(min = -10.0, max = 10.0)))]
     pub ripple_phase_rad: [f64; 4],
     /// Tooth pitch of the platen, m.
+    #[schemars(range(min = 1e-5, max = 0.1))]
     pub tooth_pitch_m: f64,
     /// Drag of translation, N s/m.
+    #[schemars(range(min = 0.0, max = 100.0))]
     pub drag_n_s_m: f64,
     /// Drag of rotation, N m s/rad.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub drag_n_m_s_rad: f64,
     /// Where the tether is fixed, x and y on the platen, m.
+    #[schemars(inner(range(min = -10.0, max = 10.0)))]
     pub tether_anchor_m: [f64; 2],
     /// Pull of the tether towards its anchor wherever the courier is, N.
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub tether_tension_n: f64,
     /// Increase of that pull with the distance from the anchor, N/m.
+    #[schemars(range(min = 0.0, max = 100.0))]
     pub tether_stiffness_n_m: f64,
     /// Mass of the parts that slide on the tray, kg; what sticks to it belongs to the load.
     pub sliding_mass_kg: f64,
     /// Distance of these parts from the tray's centre, m.
+    #[schemars(range(min = 1e-3, max = 0.5))]
     pub sliding_radius_m: f64,
     /// Their friction on the tray.
+    #[schemars(range(min = 0.0, max = 2.0))]
     pub sliding_friction: f64,
     /// Length of the blocks in which their motion becomes known, s: their friction acts on the tray one block late.
+    #[schemars(range(min = 1e-4, max = 0.1))]
     pub sliding_block_s: f64,
     /// Resolution of the position sensor, m; 0 for none.
+    #[schemars(range(min = 0.0, max = 1e-3))]
     pub sensor_resolution_m: f64,
     /// Noise of the position sensor, m rms.
+    #[schemars(range(min = 0.0, max = 1e-3))]
     pub sensor_noise_m_rms: f64,
     /// Age of a position when it is read, s.
+    #[schemars(range(min = 0.0, max = 0.02))]
     pub sensor_delay_s: f64,
     /// Calibration error of the sensor's scale, relative.
+    #[schemars(range(min = -0.1, max = 0.1))]
     pub sensor_scale_error: f64,
     /// Calibration error within a tooth pitch: amplitude of a sine, m.
+    #[schemars(range(min = 0.0, max = 1e-4))]
     pub sensor_periodic_error_m: f64,
     /// What goes wrong, and when.
     pub faults: FaultHooks,
@@ -102,37 +125,9 @@ impl MotorParameters {
     /// # Errors
     /// The first parameter that is not finite or out of range.
     pub fn validate(&self) -> Result<(), OutOfRange> {
-        check_range("motor.mass_kg", self.mass_kg, 1e-2, 100.0)?;
-        check_range("motor.inertia_kg_m2", self.inertia_kg_m2, 1e-6, 10.0)?;
-        for offset_m in self.center_of_mass_offset_m {
-            check_range("motor.center_of_mass_offset_m", offset_m, -0.05, 0.05)?;
-        }
-        check_range("motor.forcer_force_n_max", self.forcer_force_n_max, 1e-3, 1e3)?;
-        check_range("motor.forcer_arm_m", self.forcer_arm_m, 1e-3, 1.0)?;
-        check_range("motor.delay_s", self.delay_s, 0.0, 0.02)?;
-        check_range("motor.lag_s", self.lag_s, 0.0, 0.02)?;
-        check_range("motor.ripple", self.ripple, 0.0, 0.5)?;
-        for phase_rad in self.ripple_phase_rad {
-            check_range("motor.ripple_phase_rad", phase_rad, -10.0, 10.0)?;
-        }
-        check_range("motor.tooth_pitch_m", self.tooth_pitch_m, 1e-5, 0.1)?;
-        check_range("motor.drag_n_s_m", self.drag_n_s_m, 0.0, 100.0)?;
-        check_range("motor.drag_n_m_s_rad", self.drag_n_m_s_rad, 0.0, 1.0)?;
-        for anchor_m in self.tether_anchor_m {
-            check_range("motor.tether_anchor_m", anchor_m, -10.0, 10.0)?;
-        }
-        check_range("motor.tether_tension_n", self.tether_tension_n, 0.0, 10.0)?;
-        check_range("motor.tether_stiffness_n_m", self.tether_stiffness_n_m, 0.0, 100.0)?;
+        check_ranges("motor.", self)?;
         // Late by a block, the reaction of much more would shake the courier.
         check_range("motor.sliding_mass_kg", self.sliding_mass_kg, 0.0, 0.2 * self.mass_kg)?;
-        check_range("motor.sliding_radius_m", self.sliding_radius_m, 1e-3, 0.5)?;
-        check_range("motor.sliding_friction", self.sliding_friction, 0.0, 2.0)?;
-        check_range("motor.sliding_block_s", self.sliding_block_s, 1e-4, 0.1)?;
-        check_range("motor.sensor_resolution_m", self.sensor_resolution_m, 0.0, 1e-3)?;
-        check_range("motor.sensor_noise_m_rms", self.sensor_noise_m_rms, 0.0, 1e-3)?;
-        check_range("motor.sensor_delay_s", self.sensor_delay_s, 0.0, 0.02)?;
-        check_range("motor.sensor_scale_error", self.sensor_scale_error, -0.1, 0.1)?;
-        check_range("motor.sensor_periodic_error_m", self.sensor_periodic_error_m, 0.0, 1e-4)?;
         self.faults.validate()
     }
 }
