@@ -8,22 +8,25 @@ use feeder_runtime::args::RosArgs;
 use feeder_runtime::dds::{DiscoveryRange, Domain};
 use feeder_runtime::launch::run_remapped;
 use feeder_runtime::node::{
-    ActionServer, ActionServerPorts, Declare, FeederNode, GoalEnd, GoalId, NodeError, Server, ServerEvent, Settable,
-    StepIo,
+    ActionServer, ActionServerPorts, Declare, FeederNode, GoalEnd, GoalId, NodeError, Server, ServerEvent, StepIo,
 };
-use feeder_runtime::parameters::Range;
 use feeder_runtime::testing::TestDomain;
 use minifactory_msgs::action::{DeliverPart, DeliverPartFeedback, DeliverPartResult};
 use minifactory_msgs::interface::{ActionSpec, Namespace, ServiceSpec};
 use minifactory_msgs::srv::{ReportHandover, ReportHandoverRequest, ReportHandoverResponse};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// What the node is configured by.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct EchoConfig {
+    /// How often, in hertz
+    #[schemars(range(min = 0.5, max = 100.0))]
     pub(super) rate_hz: f64,
+    /// From the scenario
     pub(super) name: String,
+    /// Places, in metres
     pub(super) places_m: Vec<f64>,
 }
 
@@ -77,12 +80,8 @@ impl FeederNode for Echo {
         Ok(Self { report, deliver: ActionServer::new(deliver), running: Vec::new() })
     }
 
-    fn settable() -> &'static [Settable] {
-        &[Settable {
-            name: "rate_hz",
-            description: "How often, in hertz",
-            range: Some(Range::Double { from: 0.5, to: 100.0, step: 0.0 }),
-        }]
+    fn settable() -> &'static [&'static str] {
+        &["rate_hz"]
     }
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {

@@ -3,13 +3,15 @@
 use std::collections::BTreeMap;
 use std::fmt::Display;
 
+use schemars::JsonSchema;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value as Json;
 
 use crate::args::GivenValue;
-use crate::node::{NodeError, Settable};
+use crate::node::NodeError;
 use crate::parameters::{Declaration, ParameterError, Store, Value};
+use crate::schema::Schema;
 
 /// Why a node cannot start with the parameters given to it.
 #[derive(Debug, thiserror::Error)]
@@ -35,30 +37,19 @@ pub(crate) struct Configuration<C> {
 /// Says what is wrong with a configuration.
 pub(crate) type Check<C> = fn(&C) -> Result<(), NodeError>;
 
-impl<C: Serialize + DeserializeOwned + Clone> Configuration<C> {
+impl<C: Serialize + DeserializeOwned + JsonSchema + Clone> Configuration<C> {
     /// `config` with the values given at the start, if that passes `check`. `own` are parameters beside it.
     pub(crate) fn new(
         config: &C,
         check: Check<C>,
-        settable: &[Settable],
+        settable: &[&str],
         not_parameters: &[&str],
         own: Vec<Declaration>,
         given: &BTreeMap<String, GivenValue>,
     ) -> Result<Self, NodeError> {
         let own_names: Vec<String> = own.iter().map(|declaration| declaration.name.clone()).collect();
         let mut declarations = own;
-        let mut tree = serde_json::to_value(config).map_err(NodeError::new)?;
-        if let Json::Object(fields) = &mut tree {
-            fields.retain(|key, _| !not_parameters.contains(&key.as_str()));
-        }
-        flatten("", &tree, &mut declarations);
-        for declaration in &mut declarations {
-            if let Some(settable) = settable.iter().find(|settable| settable.name == declaration.name) {
-                declaration.description = settable.description.to_owned();
-                declaration.range = settable.range;
-                declaration.read_only = false;
-            }
-        }
+        declarations.extend(declarations_of(config, settable, not_parameters)?);
         let mut store = Store::new(declarations).map_err(NodeError::new)?;
         let mut changes = Vec::new();
         for (name, GivenValue { value, source }) in given {
@@ -72,6 +63,28 @@ impl<C: Serialize + DeserializeOwned + Clone> Configuration<C> {
             changed(config, check, &changes).map_err(|reason| blame(config, check, &changes, given, reason))?;
         Ok(Self { config, store, check })
     }
+}
+
+/// The values of a configuration as parameters, described as its schema describes them.
+pub(crate) fn declarations_of<C: Serialize + JsonSchema>(
+    config: &C,
+    settable: &[&str],
+    not_parameters: &[&str],
+) -> Result<Vec<Declaration>, NodeError> {
+    let mut tree = serde_json::to_value(config).map_err(NodeError::new)?;
+    if let Json::Object(fields) = &mut tree {
+        fields.retain(|key, _| !not_parameters.contains(&key.as_str()));
+    }
+    let mut values = Vec::new();
+    flatten("", &tree, &mut values);
+    let schema = Schema::of::<C>();
+    let declaration = |(name, default): (String, Value)| {
+        let (description, range) = schema.of_value(&name, &default);
+        let read_only = !settable.contains(&name.as_str());
+        let description = description.unwrap_or_default();
+        Declaration { name, default, description, range, constraints: String::new(), read_only }
+    };
+    Ok(values.into_iter().map(declaration).collect())
 }
 
 /// Who gave the value that a configuration refuses: one parameter, or several that do not go together.
@@ -140,16 +153,15 @@ fn json(value: &Value) -> Option<Json> {
     })
 }
 
-fn flatten(name: &str, tree: &Json, declarations: &mut Vec<Declaration>) {
+fn flatten(name: &str, tree: &Json, leaves: &mut Vec<(String, Value)>) {
     let below = |key: &dyn Display| if name.is_empty() { key.to_string() } else { format!("{name}.{key}") };
-    let declared = |value| Declaration::new(name, value, "Part of the node's configuration").read_only();
     match tree {
-        Json::Object(fields) => fields.iter().for_each(|(key, value)| flatten(&below(key), value, declarations)),
+        Json::Object(fields) => fields.iter().for_each(|(key, value)| flatten(&below(key), value, leaves)),
         Json::Array(values) => match list(values) {
-            Some(value) => declarations.push(declared(value)),
-            None => values.iter().enumerate().for_each(|(index, value)| flatten(&below(&index), value, declarations)),
+            Some(value) => leaves.push((name.to_owned(), value)),
+            None => values.iter().enumerate().for_each(|(index, value)| flatten(&below(&index), value, leaves)),
         },
-        scalar => declarations.extend(value(scalar).map(declared)),
+        scalar => leaves.extend(value(scalar).map(|value| (name.to_owned(), value))),
     }
 }
 
@@ -177,11 +189,10 @@ fn list(values: &[Json]) -> Option<Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parameters::Range;
     use proptest::prelude::*;
     use serde::Deserialize;
 
-    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
     #[serde(deny_unknown_fields)]
     struct Config {
         name: String,
@@ -195,14 +206,16 @@ mod tests {
         bulky: Vec<f64>,
     }
 
-    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
     #[serde(deny_unknown_fields)]
     struct Limits {
+        /// The lower one
+        #[schemars(range(min = 0.0, max = 1.0))]
         low_m: f64,
         high_m: f64,
     }
 
-    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
     #[serde(deny_unknown_fields)]
     struct Station {
         name: String,
@@ -228,19 +241,13 @@ mod tests {
         }
     }
 
-    const SETTABLE: &[Settable] = &[Settable {
-        name: "limits.low_m",
-        description: "The lower one",
-        range: Some(Range::Double { from: 0.0, to: 1.0, step: 0.0 }),
-    }];
-
     fn configured(given: &[(&str, Value)]) -> Result<Configuration<Config>, String> {
         let given = given.iter().map(|(name, value)| {
             let given = GivenValue { value: value.clone(), source: "good.yaml".into() };
             ((*name).to_owned(), given)
         });
         let own = vec![Declaration::new("use_sim_time", Value::Bool(false), "").read_only()];
-        Configuration::new(&config(), check, SETTABLE, &["bulky"], own, &given.collect())
+        Configuration::new(&config(), check, &["limits.low_m"], &["bulky"], own, &given.collect())
             .map_err(|error| error.to_string())
     }
 

@@ -14,7 +14,7 @@ use minifactory_msgs::interface::standard::CLOCK;
 
 use crate::args::{NameKind, RosArgs};
 use crate::clock::Clock;
-use crate::configuration::Configuration;
+use crate::configuration::{Configuration, declarations_of};
 use crate::dds::{Domain, NodeName, Participant};
 use crate::digest::Digest;
 use crate::housekeeping::{Housekeeping, USE_SIM_TIME, apply_own, own_parameters, reconfiguring};
@@ -22,7 +22,7 @@ use crate::lockstep::{DdsLinks, Hub, Links, LoopContract, RunError, Runner};
 use crate::node::{
     Arrival, Declare, FeederNode, Interface, NodeError, NotStated, Output, PortKind, StepIo, stamp_of_ns,
 };
-use crate::parameters::Value;
+use crate::parameters::{Declaration, Value};
 use crate::public::PublicSide;
 use crate::recording::Tap;
 use crate::wall_clock::{self, Pace, Time};
@@ -61,6 +61,14 @@ pub fn interface<N: FeederNode>(namespace: &str, config: &N::Config) -> Result<I
     let mut declare = Declare::new(N::NAME, namespace);
     let _ = N::declare(&mut declare, config);
     declare.finish()
+}
+
+/// The parameters that node `N` declares of its configuration, besides those that every node has.
+///
+/// # Errors
+/// When the configuration cannot be written as JSON.
+pub fn parameters<N: FeederNode>(config: &N::Config) -> Result<Vec<Declaration>, NodeError> {
+    declarations_of(config, N::settable(), N::not_parameters())
 }
 
 /// Runs node `N` in a loop until the run ends.

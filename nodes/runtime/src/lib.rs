@@ -22,6 +22,7 @@ mod program;
 mod public;
 pub mod recording;
 pub mod rosout;
+mod schema;
 pub mod service;
 pub mod testing;
 mod type_description;

@@ -13,8 +13,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, Settable, StepIo, Subscriber, ns_of_stamp};
-use feeder_runtime::parameters::Range;
+use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, StepIo, Subscriber, ns_of_stamp};
 use feeder_scenario::plan::{NodeConfig, VisionSelectorConfig};
 use feeder_vision::{ImageFault, NoPose, PoseHistory, Selector, TimedPose, TrackedCandidate, draw_overlay};
 use feeder_wire::odometry::{self, EstimatedMotion};
@@ -133,19 +132,8 @@ impl FeederNode for VisionSelector {
         })
     }
 
-    fn settable() -> &'static [Settable] {
-        &[
-            Settable {
-                name: "selector.confidence_min",
-                description: "Confidence over frames from which a part may be picked; set it where light and parts are",
-                range: Some(Range::Double { from: 0.0, to: 1.0, step: 0.0 }),
-            },
-            Settable {
-                name: "selector.part_clearance_m",
-                description: "Free gap the gripper needs round a part, in metres; another gripper needs another",
-                range: Some(Range::Double { from: 0.0, to: 0.1, step: 0.0 }),
-            },
-        ]
+    fn settable() -> &'static [&'static str] {
+        &["selector.confidence_min", "selector.part_clearance_m"]
     }
 
     /// Tracks begin anew: what was seen was judged by the old thresholds.

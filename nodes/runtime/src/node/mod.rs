@@ -1,5 +1,6 @@
 //! What a node is: ports declared once, and a step from stamped inputs to outputs.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -11,7 +12,6 @@ mod step;
 use std::time::Duration;
 
 pub use crate::action::GoalId;
-use crate::parameters::Range;
 pub use action::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, ClientEvent, GoalEnd, GoalRequest, ServerEvent,
 };
@@ -33,17 +33,6 @@ impl NodeError {
     }
 }
 
-/// A value of a configuration that may be changed while its node runs.
-#[derive(Debug, Clone, Copy)]
-pub struct Settable {
-    /// Name of the parameter: the keys that lead to the value, with dots between.
-    pub name: &'static str,
-    /// What it means, and its unit.
-    pub description: &'static str,
-    /// Values it may take, when it is a number with limits.
-    pub range: Option<Range>,
-}
-
 /// A node of the feeder, or of an agent beside it.
 ///
 /// A node is a function from the inputs of a tick to its outputs, and knows neither threads nor middleware: the same
@@ -51,8 +40,8 @@ pub struct Settable {
 pub trait FeederNode: Sized + Send + 'static {
     /// Name of the node, of its crate and of its executable.
     const NAME: &'static str;
-    /// What it is configured by: its parameters.
-    type Config: Serialize + DeserializeOwned + Clone + Send + 'static;
+    /// What it is configured by: its parameters, which its schema describes.
+    type Config: Serialize + DeserializeOwned + JsonSchema + Clone + Send + 'static;
     /// Handles of its ports.
     type Ports: Send;
 
@@ -76,9 +65,10 @@ pub trait FeederNode: Sized + Send + 'static {
     /// When the configuration cannot work.
     fn open(ports: Self::Ports, config: &Self::Config) -> Result<Self, NodeError>;
 
-    /// The values of its configuration that may be changed while it runs; all others are read-only.
+    /// The values of its configuration that may be changed while it runs, by the keys that lead to them with dots between;
+    /// all others are read-only.
     #[must_use]
-    fn settable() -> &'static [Settable] {
+    fn settable() -> &'static [&'static str] {
         &[]
     }
 

@@ -67,7 +67,7 @@ impl Gate {
     }
 }
 
-#[derive(Clone, Default, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Default, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 struct NoConfig {}
 
 /// The part a toy plays. All hash what they hear, and what they say depends on all they have heard.

@@ -24,8 +24,8 @@ const TICK_NS: u64 = 10_000_000;
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// What a node of these tests reports to its test.
-#[derive(Clone, Default)]
-struct Notes(Arc<Mutex<Vec<String>>>);
+#[derive(Clone, Default, schemars::JsonSchema)]
+struct Notes(#[schemars(with = "()")] Arc<Mutex<Vec<String>>>);
 
 impl serde::Serialize for Notes {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {

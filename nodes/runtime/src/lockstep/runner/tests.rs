@@ -18,7 +18,7 @@ enum Toy {
     Failing,
 }
 
-#[derive(Clone, Default, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Default, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 struct NoConfig {}
 
 impl FeederNode for Toy {
