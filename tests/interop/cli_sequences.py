@@ -172,7 +172,7 @@ def parameters(script):
     print("# ros2 param describe /test/echo rate_hz name")
     described = [
         descriptor("rate_hz", DOUBLE, "How often, in hertz", read_only=False, limits=(0.5, 100.0)),
-        descriptor("name", STRING, "Part of the node's configuration"),
+        descriptor("name", STRING, "From the scenario"),
     ]
     script.exchange("describe", {"names": ["rate_hz", "name"]}, {"descriptors": described})
     print("# ros2 param dump /test/echo")
