@@ -98,7 +98,7 @@ fn moves_reckon_with_the_friction_of_the_part() {
         let (_, driver) = load_node::<CourierDriverConfig>(Some(&file), None).unwrap();
         assert_eq!(driver.motor, feeder_scenario::assumed_motor());
     }
-    let file = with_part(folder.path(), 0.12, "believed: { part_friction: 0.3 }\n");
+    let file = with_part(folder.path(), 0.4, "believed: { part_friction: 0.3 }\n");
     let (_, planner) = load_node::<DeliveryPlannerConfig>(Some(&file), None).unwrap();
     assert!((planner.delivery().gentle.friction - 0.3).abs() < 1e-12);
 }

@@ -1,6 +1,6 @@
 //! The plan of a run: every node with its namespace and configuration, the loop's timing, and where all that comes from.
 //!
-//! A [`Scenario`] and the files it names are resolved once into a plan ([`Scenario::resolve`]); whatever runs, checks,
+//! A [`Scenario`](crate::Scenario) and the files it names are resolved once into a plan ([`Scenario::resolve`](crate::Scenario::resolve)); whatever runs, checks,
 //! records or repeats a run goes by the plan alone.
 
 mod load;

@@ -1,6 +1,6 @@
 //! The overhead camera: its calibration, the pictures it takes of the tray, and how they are coded for transport.
 //!
-//! [`CameraModel`] maps platen points to pixels and back; it is all of this module that the selector knows.
+//! [`CameraModel`](feeder_model::camera::CameraModel) maps platen points to pixels and back; it is all that the selector knows.
 //! [`Renderer`] takes the picture: platen, tray and parts under a light, through the lens, with sensor noise.
 //! [`codec`] turns pictures into JPEG and back.
 
