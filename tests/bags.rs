@@ -12,13 +12,14 @@ use feeder_bags::{Bag, Query, Seconds};
 use feeder_runtime::cdr;
 use feeder_runtime::dds::{NodeName, Participant, Qos};
 use feeder_runtime::testing::TestDomain;
+use feeder_wire::topics::IMAGE_RAW;
 use minifactory_msgs::Message as _;
 use minifactory_msgs::rosbag2_interfaces::srv::{Resume, ResumeRequest};
 use minifactory_msgs::std_msgs::msg::String as Text;
 use rand::RngExt as _;
 use rustix::process::Signal;
 
-use crate::common::{Process, Up, bag_reader, feeder, output, python, wait_for};
+use crate::common::{FEEDER, Process, Up, bag_reader, feeder, output, python, wait_for};
 
 /// What the raw images leave of a run, small enough to be recorded again and again.
 const WITHOUT_RAW: &str = "--record-exclude camera/(image_raw|annotated)$";
@@ -75,7 +76,7 @@ fn a_run_is_recorded_whole_in_either_layout_and_every_reader_reads_it() {
     let bag = assert_good(&folder);
     let expected = digest_counts(processes.digest());
     assert_eq!(counts(&bag), expected);
-    assert!(expected.len() >= 15 && expected["/feeder/camera/image_raw"] > 30, "{expected:?}");
+    assert!(expected.len() >= 15 && expected[&IMAGE_RAW.name_in(FEEDER)] > 30, "{expected:?}");
     let times: Vec<u64> = bag.messages(&Query::default()).map(|message| message.unwrap().log_ns).collect();
     assert!(times.is_sorted() && times.iter().all(|time_ns| time_ns % 10_000_000 == 0));
 

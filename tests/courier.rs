@@ -9,29 +9,30 @@ use courier_driver::CourierDriver;
 use feeder_control::courier::AXES;
 use feeder_model::waveform;
 use feeder_runtime::cdr;
-use feeder_runtime::dds::{Participant, Qos, Reader, Writer};
+use feeder_runtime::dds::{Participant, Reader, Writer};
 use feeder_runtime::launch::run_real;
 use feeder_runtime::lockstep::RunError;
 use feeder_runtime::service::{Answer, ServiceClient};
 use feeder_runtime::testing::TestDomain;
 use feeder_scenario::Scenario;
 use feeder_scenario::plan::CourierDriverConfig;
+use feeder_wire::{nodes, services, topics};
+use minifactory_msgs::Action;
 use minifactory_msgs::control_msgs::action::{
     FollowJointTrajectory, FollowJointTrajectoryGoal, FollowJointTrajectoryResult,
 };
 use minifactory_msgs::control_msgs::msg::JointTolerance;
-use minifactory_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus};
-use minifactory_msgs::lifecycle_msgs::msg::Transition;
-use minifactory_msgs::lifecycle_msgs::srv::{ChangeState, ChangeStateRequest, GetState, GetStateRequest};
+use minifactory_msgs::diagnostic_msgs::msg::DiagnosticStatus;
+use minifactory_msgs::interface::ServiceSpec;
+use minifactory_msgs::lifecycle_msgs::srv::{GetState, GetStateRequest};
 use minifactory_msgs::msg::{CourierState, Waveform};
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::std_srvs::srv::{Trigger, TriggerRequest, TriggerResponse};
 use minifactory_msgs::trajectory_msgs::msg::JointTrajectoryPoint;
 use minifactory_msgs::unique_identifier_msgs::msg::UUID;
-use minifactory_msgs::{Action, Message};
 
-use crate::common::wait_for;
-use crate::wall_clock::{PATIENCE, hear, participant};
+use crate::common::{FEEDER, wait_for};
+use crate::wall_clock::{PATIENCE, call, hear, lead_driver, participant};
 
 type SendGoal = <FollowJointTrajectory as Action>::SendGoal;
 type GetResult = <FollowJointTrajectory as Action>::GetResult;
@@ -72,23 +73,15 @@ impl Bench {
             }
         });
         let here = participant(&domain);
-        let (odometry_reader, odometry) = hear(&here, "/feeder/odometry", Qos::command());
-        let (state_reader, states) = hear(&here, "/feeder/courier_state", Qos::command());
-        let waveform = here.writer("/feeder/waveform", &Waveform::INFO.dds_type(), &Qos::latched()).unwrap();
+        let (odometry_reader, odometry) = hear(&here, &topics::ODOMETRY, FEEDER);
+        let (state_reader, states) = hear(&here, &topics::COURIER_STATE, FEEDER);
+        let waveform = here.topic_writer(&topics::WAVEFORM, FEEDER).unwrap();
         let _readers = (odometry_reader, state_reader);
         Self { here, odometry, states, waveform, _readers, stop, driver: Some(driver), _domain: domain }
     }
 
-    fn lifecycle(&self, labels: &[&str]) {
-        let client = self.here.service_client::<ChangeState>("/feeder/courier_driver/change_state").unwrap();
-        for label in labels {
-            let transition = Transition { id: 0, label: (*label).to_owned() };
-            assert!(client.call(&ChangeStateRequest { transition }, PATIENCE).wait().unwrap().success, "{label}");
-        }
-    }
-
     fn client(&self, name: u8) -> Client {
-        let action = "/feeder/follow_joint_trajectory/_action";
+        let action = format!("{}/_action", services::FOLLOW_JOINT_TRAJECTORY.name_in(FEEDER));
         Client {
             send: self.here.service_client(&format!("{action}/send_goal")).unwrap(),
             result: self.here.service_client(&format!("{action}/get_result")).unwrap(),
@@ -97,9 +90,8 @@ impl Bench {
         }
     }
 
-    fn trigger(&self, service: &str) -> TriggerResponse {
-        let client = self.here.service_client::<Trigger>(&format!("/feeder/{service}")).unwrap();
-        client.call(&TriggerRequest::default(), PATIENCE).wait().unwrap()
+    fn trigger(&self, service: &ServiceSpec<Trigger>) -> TriggerResponse {
+        call(&self.here, service, &TriggerRequest::default())
     }
 
     /// The newest place and state known, after at least one more has come.
@@ -170,8 +162,9 @@ fn bad_goals_and_waveforms_are_refused_with_the_reason_and_nothing_moves() {
     let bench = Bench::new();
     let mut client = bench.client(1);
     assert!(client.refused(&goal(1, 0.1)).1.contains("not active"));
-    bench.lifecycle(&["configure", "activate"]);
-    let state = bench.here.service_client::<GetState>("/feeder/courier_driver/get_state").unwrap();
+    lead_driver(&bench.here, &["configure", "activate"]);
+    let state =
+        bench.here.service_client::<GetState>(&format!("{FEEDER}/{}/get_state", nodes::COURIER_DRIVER)).unwrap();
     assert_eq!(state.call(&GetStateRequest::default(), PATIENCE).wait().unwrap().current_state.label, "active");
 
     let (before, _) = bench.look();
@@ -231,8 +224,8 @@ fn bad_goals_and_waveforms_are_refused_with_the_reason_and_nothing_moves() {
 #[test]
 fn one_client_commands_anyone_halts_and_faults_stay_until_reset() {
     let bench = Bench::new();
-    bench.lifecycle(&["configure", "activate"]);
-    let (_reader, diagnostics) = hear::<DiagnosticArray>(&bench.here, "/diagnostics", Qos::command());
+    lead_driver(&bench.here, &["configure", "activate"]);
+    let (_reader, diagnostics) = hear(&bench.here, &topics::DIAGNOSTICS, "");
     let (mut first, mut second) = (bench.client(1), bench.client(2));
 
     // The same client replaces its goal, another one may not.
@@ -243,9 +236,9 @@ fn one_client_commands_anyone_halts_and_faults_stay_until_reset() {
     let (_, result) = replaced.wait().unwrap().into();
     assert!(result.error_string.contains("replaced"), "{result:?}");
     assert!(second.refused(&goal(1, 0.1)).1.contains("commands the courier"));
-    assert!(!bench.trigger("home").success);
+    assert!(!bench.trigger(&services::HOME).success);
     wait_for("the courier to move", || (bench.look().0.twist.twist.linear.x > 1e-3).then_some(()));
-    assert!(bench.trigger("halt").success);
+    assert!(bench.trigger(&services::HALT).success);
     let (status, result) = long.wait().unwrap().into();
     assert!(status == 5 && result.error_string == "halted", "{status} {result:?}");
     let stopped = bench.wait_at_rest().pose.pose.position.x;
@@ -254,7 +247,7 @@ fn one_client_commands_anyone_halts_and_faults_stay_until_reset() {
     // An emergency stop ends what is under way, and nothing is taken until it is reset.
     let (accepted, under_way) = second.send(&goal(20, 0.3));
     assert!(accepted);
-    assert!(bench.trigger("emergency_stop").success);
+    assert!(bench.trigger(&services::EMERGENCY_STOP).success);
     let (status, result) = under_way.wait().unwrap().into();
     assert!(status == 6 && result.error_string == "emergency stop", "{status} {result:?}");
     let refused = second.refused(&goal(1, 0.1)).1;
@@ -263,8 +256,8 @@ fn one_client_commands_anyone_halts_and_faults_stay_until_reset() {
         let status = &newest(&diagnostics).status[0];
         (status.level == DiagnosticStatus::ERROR && status.message == "emergency stop").then_some(())
     });
-    wait_for("the fault to be reset", || bench.trigger("reset_fault").success.then_some(()));
-    assert!(bench.trigger("home").success);
+    wait_for("the fault to be reset", || bench.trigger(&services::RESET_FAULT).success.then_some(()));
+    assert!(bench.trigger(&services::HOME).success);
     wait_for("the courier at home", || {
         let place = bench.wait_at_rest().pose.pose.position;
         ((place.x - START[0]).abs() < 2e-5).then_some(())
@@ -275,7 +268,7 @@ fn one_client_commands_anyone_halts_and_faults_stay_until_reset() {
         let (accepted, result) = second.send(&goal(20, 0.3));
         accepted.then_some(result)
     });
-    bench.lifecycle(&["deactivate"]);
+    lead_driver(&bench.here, &["deactivate"]);
     let (status, _) = stopped.wait().unwrap().into();
     assert_eq!(status, 5);
     assert!(second.refused(&goal(1, 0.1)).1.contains("not active"));

@@ -6,9 +6,11 @@ use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use feeder_runtime::cdr;
-use feeder_runtime::dds::{NodeName, Participant, Qos};
+use feeder_runtime::dds::{NodeName, Participant};
 use feeder_runtime::parameters::Value;
 use feeder_runtime::testing::TestDomain;
+use feeder_wire::topics::{CLOCK, WAVEFORM};
+use minifactory_msgs::Service;
 use minifactory_msgs::builtin_interfaces::msg::Time;
 use minifactory_msgs::msg::Waveform;
 use minifactory_msgs::rcl_interfaces::msg::{Parameter, SetParametersResult};
@@ -16,12 +18,11 @@ use minifactory_msgs::rcl_interfaces::srv::{
     GetParameters, GetParametersRequest, ListParameters, ListParametersRequest, SetParameters, SetParametersRequest,
 };
 use minifactory_msgs::rosgraph_msgs::msg::Clock;
-use minifactory_msgs::{Message, Service};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::json;
 use tempfile::TempDir;
 
-use crate::common::{Up, feeder};
+use crate::common::{FEEDER, Up, feeder};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -202,11 +203,10 @@ fn a_node_outside_a_run_goes_by_somebody_elses_clock() {
     let domain = TestDomain::claim();
     let here = participant(&domain);
     let (sender, heard) = std::sync::mpsc::channel();
-    let topic = Waveform::INFO.dds_type();
-    let _reader = here.reader("/feeder/waveform", &topic, &Qos::latched(), move |sample| {
+    let _reader = here.topic_reader(&WAVEFORM, FEEDER, move |sample| {
         let _ = sender.send(sample.decode::<Waveform>().unwrap());
     });
-    let clock = here.writer("/sim/clock", &Clock::INFO.dds_type(), &Qos::command()).unwrap();
+    let clock = here.writer("/sim/clock", &CLOCK.dds_type(), &CLOCK.qos()).unwrap();
     let _node = Node::start(&domain, "waveform_generator", &["-p", "use_sim_time:=true", "-r", "/clock:=/sim/clock"]);
     crate::common::wait_for("the node to listen to the clock", || (clock.matched_readers() > 0).then_some(()));
     let stamp = Time { sec: 1234, nanosec: 560_000_000 };

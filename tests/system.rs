@@ -7,9 +7,10 @@ use std::time::Duration;
 
 use feeder_control::delivery::Policy;
 use feeder_scenario::Scenario;
+use feeder_wire::topics;
 use rustix::process::Signal;
 
-use crate::common::{Outcome, Up};
+use crate::common::{FEEDER, Outcome, Up};
 
 /// Largest slip of a part that was carried gently, m.
 const GENTLE_SLIP_M: f64 = 1e-4;
@@ -94,20 +95,20 @@ static REFERENCE: LazyLock<Outcome> = LazyLock::new(|| Up::new(REPEATED).digest(
 fn a_digest_covers_what_the_nodes_publish_and_nothing_else() {
     assert!(REFERENCE.number("delivered") >= 1.0, "{}", REFERENCE.summary());
     let lines: Vec<Vec<&str>> = REFERENCE.digest().lines().map(|line| line.split(' ').collect()).collect();
-    let topics: Vec<&str> = lines.iter().map(|line| line[0]).collect();
-    assert!(topics.is_sorted());
+    let listed: Vec<&str> = lines.iter().map(|line| line[0]).collect();
+    assert!(listed.is_sorted());
     for (topic, count) in [
-        ("/clock", 2500),
-        ("/feeder/tray_motion", 2499),
-        ("/feeder/joint_states", 2500),
-        ("/feeder/parts", 2500),
-        ("/feeder/camera/image_raw/compressed", 249),
-        ("/feeder/candidates", 248),
-        ("/feeder/waveform", 1),
-        ("/station_1/joint_states", 2500),
-        ("/tf", 2500),
+        (topics::CLOCK.name_in(""), 2500),
+        (topics::TRAY_MOTION.name_in(FEEDER), 2499),
+        (topics::JOINT_STATES.name_in(FEEDER), 2500),
+        (topics::PARTS.name_in(FEEDER), 2500),
+        (topics::IMAGE_COMPRESSED.name_in(FEEDER), 249),
+        (topics::CANDIDATES.name_in(FEEDER), 248),
+        (topics::WAVEFORM.name_in(FEEDER), 1),
+        (topics::TOOL_JOINT_STATES.name_in("/station_1"), 2500),
+        (topics::TF.name_in(""), 2500),
     ] {
-        let line = lines.iter().find(|line| line[0] == topic).unwrap_or_else(|| panic!("no {topic} in {topics:?}"));
+        let line = lines.iter().find(|line| line[0] == topic).unwrap_or_else(|| panic!("no {topic} in {listed:?}"));
         assert!(line[1].parse::<u64>().unwrap() >= count, "{line:?}");
     }
     for line in &lines {
@@ -115,7 +116,7 @@ fn a_digest_covers_what_the_nodes_publish_and_nothing_else() {
         assert!(line[2].len() == 64 && line[2].chars().all(|c| c.is_ascii_hexdigit()), "{line:?}");
     }
     for word in ["rosout", "parameter_events", "diagnostics", "ros_discovery_info", "loop", "/_"] {
-        assert!(topics.iter().all(|topic| !topic.contains(word)), "{topics:?}");
+        assert!(listed.iter().all(|topic| !topic.contains(word)), "{listed:?}");
     }
 }
 
@@ -159,10 +160,11 @@ fn another_seed_publishes_something_else() {
         };
         line(&other) != line(&REFERENCE)
     };
-    for topic in ["/feeder/parts", "/feeder/camera/image_raw/compressed", "/feeder/candidates"] {
-        assert!(differs(topic), "{topic} is the same");
+    let by_chance = [topics::PARTS.facts(), topics::IMAGE_COMPRESSED.facts(), topics::CANDIDATES.facts()];
+    for topic in by_chance.map(|topic| topic.name_in(FEEDER)) {
+        assert!(differs(&topic), "{topic} is the same");
     }
-    assert!(!differs("/clock"));
+    assert!(!differs(&topics::CLOCK.name_in("")));
 }
 
 /// How long it takes has a lower bound only: a slow machine may take any time.

@@ -7,19 +7,21 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 use courier_driver::CourierDriver;
-use feeder_runtime::dds::{NodeName, Participant, Qos, Reader};
+use feeder_runtime::dds::{NodeName, Participant, Reader};
 use feeder_runtime::launch::run_real;
 use feeder_runtime::node::ns_of_stamp;
 use feeder_runtime::testing::TestDomain;
 use feeder_scenario::Scenario;
 use feeder_scenario::plan::{CourierDriverConfig, WaveformGeneratorConfig};
-use minifactory_msgs::Message;
+use feeder_wire::{nodes, services, topics};
+use minifactory_msgs::interface::{ServiceSpec, TopicSpec};
 use minifactory_msgs::lifecycle_msgs::msg::Transition;
 use minifactory_msgs::lifecycle_msgs::srv::{ChangeState, ChangeStateRequest};
-use minifactory_msgs::msg::{CourierState, Waveform};
-use minifactory_msgs::nav_msgs::msg::Odometry;
-use minifactory_msgs::std_srvs::srv::{SetBool, SetBoolRequest};
+use minifactory_msgs::std_srvs::srv::SetBoolRequest;
+use minifactory_msgs::{Message, Service};
 use waveform_generator::WaveformGenerator;
+
+use crate::common::FEEDER;
 
 pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 
@@ -27,13 +29,33 @@ pub(crate) fn participant(domain: &TestDomain) -> Participant {
     Participant::open(domain, &NodeName::new("/", "test").unwrap()).unwrap()
 }
 
-pub(crate) fn hear<M: Message>(participant: &Participant, topic: &str, qos: Qos) -> (Reader, Receiver<M>) {
+pub(crate) fn hear<M: Message>(
+    participant: &Participant,
+    topic: &TopicSpec<M>,
+    namespace: &str,
+) -> (Reader, Receiver<M>) {
     let (sender, heard) = channel();
-    let reader = participant.reader(topic, &M::INFO.dds_type(), &qos, move |sample| {
+    let reader = participant.topic_reader(topic, namespace, move |sample| {
         // A closed channel belongs to a test that has seen enough.
         let _ = sender.send(sample.decode().unwrap());
     });
     (reader.unwrap(), heard)
+}
+
+/// Calls a service of the feeder and waits for its answer.
+pub(crate) fn call<S: Service>(here: &Participant, service: &ServiceSpec<S>, request: &S::Request) -> S::Response {
+    let client = here.service_client::<S>(&service.name_in(FEEDER)).unwrap();
+    client.call(request, PATIENCE).wait().unwrap()
+}
+
+/// Takes the courier driver through these transitions of its lifecycle.
+pub(crate) fn lead_driver(here: &Participant, transitions: &[&str]) {
+    let driver = format!("{FEEDER}/{}", nodes::COURIER_DRIVER);
+    let client = here.service_client::<ChangeState>(&format!("{driver}/change_state")).unwrap();
+    for label in transitions {
+        let transition = Transition { id: 0, label: (*label).to_owned() };
+        assert!(client.call(&ChangeStateRequest { transition }, PATIENCE).wait().unwrap().success, "{label}");
+    }
 }
 
 #[test]
@@ -45,15 +67,15 @@ fn a_courier_vibrates_when_a_client_asks_the_generator_to_feed() {
     let stop = Arc::new(AtomicBool::new(false));
     let generator = std::thread::spawn({
         let (domain, config, stop) = (*domain, generator.clone(), stop.clone());
-        move || run_real::<WaveformGenerator>(&domain, "/feeder", &config, &stop)
+        move || run_real::<WaveformGenerator>(&domain, FEEDER, &config, &stop)
     });
     let courier = std::thread::spawn({
         let (domain, config, stop) = (*domain, courier.clone(), stop.clone());
-        move || run_real::<CourierDriver>(&domain, "/feeder", &config, &stop)
+        move || run_real::<CourierDriver>(&domain, FEEDER, &config, &stop)
     });
     let here = participant(&domain);
-    let (_odometry_reader, odometry) = hear::<Odometry>(&here, "/feeder/odometry", Qos::command());
-    let (_state_reader, states) = hear::<CourierState>(&here, "/feeder/courier_state", Qos::command());
+    let (_odometry_reader, odometry) = hear(&here, &topics::ODOMETRY, FEEDER);
+    let (_state_reader, states) = hear(&here, &topics::COURIER_STATE, FEEDER);
 
     assert!(!states.recv_timeout(PATIENCE).unwrap().vibrating);
     let stamps: Vec<u64> =
@@ -64,15 +86,9 @@ fn a_courier_vibrates_when_a_client_asks_the_generator_to_feed() {
     }
 
     // Without simulated time nothing moves before somebody makes the driver active.
-    let lifecycle = here.service_client::<ChangeState>("/feeder/courier_driver/change_state").unwrap();
-    for label in ["configure", "activate"] {
-        let transition = Transition { id: 0, label: label.to_owned() };
-        assert!(lifecycle.call(&ChangeStateRequest { transition }, PATIENCE).wait().unwrap().success);
-    }
-
-    let client = here.service_client::<SetBool>("/feeder/set_feeding").unwrap();
+    lead_driver(&here, &["configure", "activate"]);
     for feeding in [true, false] {
-        assert!(client.call(&SetBoolRequest { data: feeding }, PATIENCE).wait().unwrap().success);
+        assert!(call(&here, &services::SET_FEEDING, &SetBoolRequest { data: feeding }).success);
         while states.recv_timeout(PATIENCE).unwrap().vibrating != feeding {}
     }
     stop.store(true, Ordering::Relaxed);
@@ -92,7 +108,7 @@ fn a_nodes_command_runs_it_until_it_is_told_to_go() {
         .spawn()
         .unwrap();
     let here = participant(&domain);
-    let (_reader, heard) = hear::<Waveform>(&here, "/other/waveform", Qos::latched());
+    let (_reader, heard) = hear(&here, &topics::WAVEFORM, "/other");
     let waveform = heard.recv_timeout(PATIENCE);
     let terminated = Command::new("kill").args(["-TERM", &node.id().to_string()]).status();
     let left = node.wait().unwrap();

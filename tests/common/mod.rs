@@ -14,10 +14,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use feeder_runtime::dds::{NodeName, Participant, Qos};
+use feeder_runtime::dds::{NodeName, Participant};
 use feeder_runtime::testing::TestDomain;
 use feeder_scenario::Scenario;
-use minifactory_msgs::Message as _;
+use feeder_wire::topics::CLOCK;
 use minifactory_msgs::rosgraph_msgs::msg::Clock;
 use rustix::process::Signal;
 use serde::de::DeserializeOwned;
@@ -32,6 +32,9 @@ pub(crate) use python::python;
 
 /// Longest wait for anything that a run does, wall time. It only keeps a failing test from hanging.
 const PATIENCE: Duration = Duration::from_secs(180);
+
+/// Namespace of the only feeder of the built-in scenario.
+pub(crate) const FEEDER: &str = "/feeder";
 
 const DISCOVERY_RANGE: &str = "ROS_AUTOMATIC_DISCOVERY_RANGE";
 
@@ -170,7 +173,7 @@ impl Run {
         let latest_ns = Arc::new(AtomicU64::new(0));
         let seen = Arc::clone(&latest_ns);
         let _reader = participant
-            .reader("/clock", &Clock::INFO.dds_type(), &Qos::sensor(), move |sample| {
+            .topic_reader(&CLOCK, "", move |sample| {
                 if let Ok(Clock { clock }) = sample.decode() {
                     seen.store(feeder_runtime::node::ns_of_stamp(&clock), Ordering::Relaxed);
                 }

@@ -1,11 +1,13 @@
 use std::sync::mpsc::{Receiver, channel};
 
-use feeder_runtime::dds::{NodeName, Participant, Qos, Reader};
+use feeder_runtime::dds::{NodeName, Participant, Reader};
+use minifactory_msgs::Action;
 use minifactory_msgs::action::{DeliverPart, DeliverPartGoal};
 use minifactory_msgs::action_msgs::msg::{GoalInfo, GoalStatus};
 use minifactory_msgs::action_msgs::srv::{CancelGoal, CancelGoalRequest, CancelGoalResponse};
 use minifactory_msgs::builtin_interfaces::msg::Time;
 use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
+use minifactory_msgs::interface::standard::DIAGNOSTICS;
 use minifactory_msgs::rcl_interfaces::msg::{Parameter, ParameterType, ParameterValue};
 use minifactory_msgs::rcl_interfaces::srv::{
     SetParameters, SetParametersAtomically, SetParametersAtomicallyRequest, SetParametersAtomicallyResponse,
@@ -13,7 +15,6 @@ use minifactory_msgs::rcl_interfaces::srv::{
 };
 use minifactory_msgs::srv::{ReportHandover, ReportHandoverRequest, ReportHandoverResponse};
 use minifactory_msgs::unique_identifier_msgs::msg::UUID;
-use minifactory_msgs::{Action, Message};
 
 use super::echo::EchoNode;
 use crate::common::{ENCAPSULATION, Kind, Peer, hex};
@@ -36,8 +37,7 @@ impl Diagnostics {
     fn of(node: &EchoNode) -> Self {
         let participant = Participant::open(&node.domain, &NodeName::new("/test", "watching").unwrap()).unwrap();
         let (sender, heard) = channel();
-        let topic = DiagnosticArray::INFO.dds_type();
-        let reader = participant.reader("/diagnostics", &topic, &Qos::command(), move |sample| {
+        let reader = participant.topic_reader(&DIAGNOSTICS, "", move |sample| {
             let _ = sender.send(sample.decode().unwrap());
         });
         Self { _reader: reader.unwrap(), _participant: participant, heard }

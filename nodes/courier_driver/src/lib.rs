@@ -10,21 +10,22 @@ mod messages;
 
 use std::time::Duration;
 
-use feeder_control::courier::{self, Commander, DriverEvent, DriverStatus, GoalHandle, Rejection, VibrationPhase};
+use feeder_control::courier::{self, Commander, DriverEvent, DriverStatus, GoalHandle, Rejection};
 use feeder_model::seed::seed_for;
 use feeder_runtime::node::{
     ActionServer, ActionServerPorts, Declare, FeederNode, GoalId, GoalRequest, Lifecycle, LifecyclePorts,
     LifecycleState, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber,
 };
 use feeder_scenario::plan::{CourierDriverConfig, NodeConfig};
-use feeder_wire::{nodes, services, topics, trajectory};
-use minifactory_msgs::control_msgs::action::{FollowJointTrajectory, FollowJointTrajectoryResult};
+use feeder_wire::trajectory::{self, TrajectoryEnd};
+use feeder_wire::{nodes, response, services, topics};
+use minifactory_msgs::control_msgs::action::FollowJointTrajectory;
 use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
 use minifactory_msgs::msg::{self, CourierState, DeliveryState};
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::JointState;
 use minifactory_msgs::std_msgs::msg::Header;
-use minifactory_msgs::std_srvs::srv::{Trigger, TriggerResponse};
+use minifactory_msgs::std_srvs::srv::Trigger;
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
 
 /// Between two messages of feedback on a trajectory.
@@ -178,23 +179,13 @@ impl CourierDriver {
         io.publish(&self.topics.odometry, &self.names.odometry(stamp, status));
         io.publish(&self.topics.joint_states, &messages::joint_states(stamp, status));
         io.publish(&self.topics.tf, &self.names.transforms(stamp, status));
-        let error = status.tracking_error_peak;
-        let state = CourierState {
-            header: io.header("platen"),
-            vibrating: status.vibration != VibrationPhase::Off,
-            moving: status.moving,
-            position_error_m: error.xy().norm(),
-            yaw_error_rad: error.z,
-            fault: status.fault.as_ref().map(ToString::to_string).unwrap_or_default(),
-            waveform_sequence: self.heard_sequence,
-        };
-        io.publish(&self.topics.state, &state);
+        io.publish(&self.topics.state, &messages::courier_state(stamp, status, self.heard_sequence));
         if let Some((_, id)) = self.goals.last().filter(|_| self.due(io, FEEDBACK_PERIOD)) {
             self.trajectory.feedback(io, *id, messages::feedback(stamp, status));
         }
         if self.due(io, DIAGNOSTICS_PERIOD) {
-            let message = messages::diagnostics(stamp, &self.name, self.lifecycle.state().label(), status);
-            io.publish(&self.topics.diagnostics, &message);
+            let health = messages::health(&self.name, self.lifecycle.state().label(), status);
+            io.publish(&self.topics.diagnostics, &health.into_message(io.header("")));
         }
     }
 
@@ -209,8 +200,8 @@ impl CourierDriver {
             DriverEvent::GoalEnded(handle, outcome) => {
                 let Some(index) = self.goals.iter().position(|(known, _)| *known == handle) else { return };
                 let (_, id) = self.goals.remove(index);
-                let (end, result) = messages::result(outcome);
-                self.trajectory.finish(io, id, end, result);
+                let (goal_end, end) = messages::end(outcome);
+                self.trajectory.finish(io, id, goal_end, trajectory::to_result(end));
             }
             DriverEvent::Fault(fault) => tracing::error!("fault: {fault}"),
         }
@@ -235,29 +226,21 @@ impl CourierDriver {
                 }
             }
         }
-        let done = |message: &str| TriggerResponse { success: true, message: message.to_owned() };
-        let refused = |reason: String| TriggerResponse { success: false, message: reason };
         for (asker, _) in io.requests(&self.services.halt) {
             self.driver.halt();
-            io.reply(&self.services.halt, asker, &done("coming to rest"));
+            io.reply(&self.services.halt, asker, &response::done("coming to rest"));
         }
         for (asker, _) in io.requests(&self.services.home) {
-            let response = match self.driver.home(asker.client()) {
-                Ok(_) => done("on the way"),
-                Err(reason) => refused(reason.to_string()),
-            };
-            io.reply(&self.services.home, asker, &response);
+            let way = self.driver.home(asker.client()).map(|_| "on the way");
+            io.reply(&self.services.home, asker, &response::to_message(way));
         }
         for (asker, _) in io.requests(&self.services.emergency_stop) {
             self.driver.emergency_stop();
-            io.reply(&self.services.emergency_stop, asker, &done("stopped until reset_fault"));
+            io.reply(&self.services.emergency_stop, asker, &response::done("stopped until reset_fault"));
         }
         for (asker, _) in io.requests(&self.services.reset_fault) {
-            let response = match self.driver.reset_fault() {
-                Ok(()) => done(""),
-                Err(fault) => refused(fault.to_string()),
-            };
-            io.reply(&self.services.reset_fault, asker, &response);
+            let reset = self.driver.reset_fault().map(|()| "");
+            io.reply(&self.services.reset_fault, asker, &response::to_message(reset));
         }
     }
 
@@ -285,16 +268,16 @@ impl CourierDriver {
     fn begin(&mut self, io: &mut StepIo, request: GoalRequest<FollowJointTrajectory>) {
         let begun = trajectory::from_goal(&request.goal, io.now_ns()).and_then(|(trajectory, tolerances)| {
             let begun = self.driver.execute_within(request.client(), &trajectory, &tolerances);
-            begun.map_err(|reason: Rejection| (FollowJointTrajectoryResult::INVALID_GOAL, reason.to_string()))
+            begun.map_err(|reason: Rejection| (TrajectoryEnd::InvalidGoal, reason.to_string()))
         });
         match begun {
             Ok(handle) => {
                 self.goals.push((handle, request.id));
                 self.trajectory.accept(io, request);
             }
-            Err((error_code, reason)) => {
-                let result = FollowJointTrajectoryResult { error_code, error_string: reason.clone() };
-                self.trajectory.reject_with(io, request, &reason, result);
+            Err(end) => {
+                let reason = end.1.clone();
+                self.trajectory.reject_with(io, request, &reason, trajectory::to_result(end));
             }
         }
     }

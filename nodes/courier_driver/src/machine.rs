@@ -9,7 +9,7 @@ use std::time::Duration;
 use feeder_runtime::node::{Declare, NodeError, Publisher, StepIo, stamp_of_ns};
 use feeder_scenario::SimulatedCourier;
 use feeder_sim::motor::SimulatedMotor;
-use feeder_wire::topics;
+use feeder_wire::{frames, topics};
 use minifactory_msgs::msg::TrayMotion;
 
 /// The motor.
@@ -47,7 +47,7 @@ impl Truth {
         let started_ns = io.now_ns().saturating_sub(u64::try_from(self.tick.as_nanos()).unwrap_or(0));
         let mut message = feeder_wire::tray_motion::to_message(&motor.take_block());
         message.header.stamp = stamp_of_ns(started_ns);
-        "platen".clone_into(&mut message.header.frame_id);
+        frames::PLATEN.clone_into(&mut message.header.frame_id);
         message.sequence = self.sequence;
         self.sequence += 1;
         io.publish(&self.port, &message);

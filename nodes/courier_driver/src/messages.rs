@@ -1,19 +1,19 @@
 //! What the driver says, in standard messages.
 
 use feeder_control::courier::{AXES, DriverStatus, GoalOutcome, VibrationPhase};
-use feeder_runtime::node::GoalEnd;
-use feeder_wire::frames;
+use feeder_runtime::node::{GoalEnd, Health, HealthLevel};
+use feeder_wire::courier_state::{self, CourierActivity};
+use feeder_wire::frames::{self, PLATEN};
 use feeder_wire::joints::{self, Joint};
 use feeder_wire::odometry::{self, EstimatedMotion};
+use feeder_wire::trajectory::{self, EndOfGoal, Following, TrajectoryEnd};
 use minifactory_msgs::builtin_interfaces::msg::Time;
-use minifactory_msgs::control_msgs::action::{FollowJointTrajectoryFeedback, FollowJointTrajectoryResult};
-use minifactory_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
+use minifactory_msgs::control_msgs::action::FollowJointTrajectoryFeedback;
+use minifactory_msgs::msg::CourierState;
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::JointState;
 use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
-use minifactory_msgs::trajectory_msgs::msg::JointTrajectoryPoint;
-use nalgebra::Vector3 as Motion;
 
 use crate::machine::HARDWARE_ID;
 
@@ -25,7 +25,7 @@ pub(crate) struct Names {
 
 impl Names {
     pub(crate) fn new(feeder: &str) -> Self {
-        Self { courier: format!("{feeder}/courier"), tray: format!("{feeder}/tray") }
+        Self { courier: frames::courier(feeder), tray: frames::tray(feeder) }
     }
 
     /// Pose and velocity of the courier as estimated for the end of the step.
@@ -36,17 +36,13 @@ impl Names {
             position_variance: status.position_variance,
             velocity_variance: status.velocity_variance,
         };
-        Odometry {
-            header: Header { stamp, frame_id: "platen".to_owned() },
-            child_frame_id: self.courier.clone(),
-            ..odometry::to_message(&motion)
-        }
+        Odometry { header: on_platen(stamp), child_frame_id: self.courier.clone(), ..odometry::to_message(&motion) }
     }
 
     /// Where the courier is on the platen.
     pub(crate) fn transforms(&self, stamp: Time, status: &DriverStatus) -> TFMessage {
         let place = frames::upright(status.position.x, status.position.y, 0.0, status.position.z);
-        frames::to_message(stamp, "platen", &self.courier, &place)
+        frames::to_message(stamp, PLATEN, &self.courier, &place)
     }
 
     /// How the tray sits on the courier.
@@ -68,51 +64,63 @@ pub(crate) fn joint_states(stamp: Time, status: &DriverStatus) -> JointState {
     joints::to_message(Header { stamp, frame_id: String::new() }, &joints)
 }
 
-/// Set point, motion and their difference, as the feedback of a trajectory.
-pub(crate) fn feedback(stamp: Time, status: &DriverStatus) -> FollowJointTrajectoryFeedback {
-    let point = |position: Motion<f64>, velocity: Motion<f64>| JointTrajectoryPoint {
-        positions: position.iter().copied().collect(),
-        velocities: velocity.iter().copied().collect(),
-        ..JointTrajectoryPoint::default()
+/// What the courier does, and the number of the waveform heard last.
+pub(crate) fn courier_state(stamp: Time, status: &DriverStatus, waveform_sequence: u32) -> CourierState {
+    let error = status.tracking_error_peak;
+    let activity = CourierActivity {
+        vibrating: status.vibration != VibrationPhase::Off,
+        moving: status.moving,
+        position_error_m: error.xy().norm(),
+        yaw_error_rad: error.z,
+        fault: status.fault.as_ref().map(ToString::to_string),
+        waveform_sequence,
     };
-    let (position, velocity) = (status.set_point, status.set_point_velocity);
-    FollowJointTrajectoryFeedback {
-        header: Header { stamp, frame_id: "platen".to_owned() },
-        joint_names: AXES.map(str::to_owned).to_vec(),
-        desired: point(position, velocity),
-        actual: point(status.position, status.velocity),
-        error: point(position - status.position, velocity - status.velocity),
-        ..FollowJointTrajectoryFeedback::default()
-    }
+    CourierState { header: on_platen(stamp), ..courier_state::to_message(activity) }
+}
+
+/// How a trajectory is followed.
+pub(crate) fn feedback(stamp: Time, status: &DriverStatus) -> FollowJointTrajectoryFeedback {
+    let following = Following {
+        set_point: status.set_point,
+        set_point_velocity: status.set_point_velocity,
+        position: status.position,
+        velocity: status.velocity,
+    };
+    FollowJointTrajectoryFeedback { header: on_platen(stamp), ..trajectory::to_feedback(&following) }
+}
+
+fn on_platen(stamp: Time) -> Header {
+    Header { stamp, frame_id: PLATEN.to_owned() }
 }
 
 /// How a goal ended, in the terms of its action.
-pub(crate) fn result(outcome: GoalOutcome) -> (GoalEnd, FollowJointTrajectoryResult) {
-    use FollowJointTrajectoryResult as Code;
-    let (end, error_code, error_string) = match outcome {
-        GoalOutcome::Succeeded => (GoalEnd::Succeeded, Code::SUCCESSFUL, String::new()),
+pub(crate) fn end(outcome: GoalOutcome) -> (GoalEnd, EndOfGoal) {
+    let (goal_end, end, reason) = match outcome {
+        GoalOutcome::Succeeded => (GoalEnd::Succeeded, TrajectoryEnd::Successful, String::new()),
         // As ros2_control ends a goal that another one replaces.
-        GoalOutcome::Preempted => (GoalEnd::Canceled, Code::INVALID_GOAL, "replaced by another goal".to_owned()),
-        GoalOutcome::Halted => (GoalEnd::Canceled, Code::SUCCESSFUL, "halted".to_owned()),
+        GoalOutcome::Preempted => {
+            (GoalEnd::Canceled, TrajectoryEnd::InvalidGoal, "replaced by another goal".to_owned())
+        }
+        GoalOutcome::Halted => (GoalEnd::Canceled, TrajectoryEnd::Successful, "halted".to_owned()),
         GoalOutcome::ToleranceViolated { error } => {
             let reason = format!("the end was missed by ({}, {}) m and {} rad", error.x, error.y, error.z);
-            (GoalEnd::Aborted, Code::GOAL_TOLERANCE_VIOLATED, reason)
+            (GoalEnd::Aborted, TrajectoryEnd::GoalViolated, reason)
         }
         GoalOutcome::PathViolated { quantity, axis, error, allowed } => {
             let reason = format!("{quantity} of {} was {error:.6} off the path, allowed is {allowed:.6}", AXES[axis]);
-            (GoalEnd::Aborted, Code::PATH_TOLERANCE_VIOLATED, reason)
+            (GoalEnd::Aborted, TrajectoryEnd::PathViolated, reason)
         }
-        GoalOutcome::Faulted(fault) => (GoalEnd::Aborted, Code::PATH_TOLERANCE_VIOLATED, fault.to_string()),
+        GoalOutcome::Faulted(fault) => (GoalEnd::Aborted, TrajectoryEnd::PathViolated, fault.to_string()),
     };
-    (end, FollowJointTrajectoryResult { error_code, error_string })
+    (goal_end, (end, reason))
 }
 
 /// How the driver fares, for `/diagnostics`.
-pub(crate) fn diagnostics(stamp: Time, name: &str, state: &str, status: &DriverStatus) -> DiagnosticArray {
+pub(crate) fn health(name: &str, state: &str, status: &DriverStatus) -> Health {
     let (level, message) = match &status.fault {
-        Some(fault) => (DiagnosticStatus::ERROR, fault.to_string()),
-        None if status.saturated_ticks > 0 => (DiagnosticStatus::WARN, "force or torque at its peak".to_owned()),
-        None => (DiagnosticStatus::OK, state.to_owned()),
+        Some(fault) => (HealthLevel::Error, fault.to_string()),
+        None if status.saturated_ticks > 0 => (HealthLevel::Warning, "force or torque at its peak".to_owned()),
+        None => (HealthLevel::Good, state.to_owned()),
     };
     let error = status.tracking_error_peak;
     let vibration = match status.vibration {
@@ -130,8 +138,6 @@ pub(crate) fn diagnostics(stamp: Time, name: &str, state: &str, status: &DriverS
         ("saturated servo ticks", status.saturated_ticks.to_string()),
         ("learned delay (s)", format!("{:.3e}", status.learned_delay_s)),
     ];
-    let values = values.map(|(key, value)| KeyValue { key: key.to_owned(), value }).to_vec();
-    let status =
-        DiagnosticStatus { level, name: name.to_owned(), message, hardware_id: HARDWARE_ID.to_owned(), values };
-    DiagnosticArray { header: Header { stamp, frame_id: String::new() }, status: vec![status] }
+    let values = values.map(|(name, value)| (name.to_owned(), value)).to_vec();
+    Health { name: name.to_owned(), level, message, hardware_id: HARDWARE_ID.to_owned(), values }
 }

@@ -1,7 +1,7 @@
 //! What the feeder tells other agents about itself.
 
 use feeder_scenario::plan::DeliveryPlannerConfig;
-use feeder_wire::services;
+use feeder_wire::{frames, services};
 use minifactory_msgs::geometry_msgs::msg::Point;
 use minifactory_msgs::msg::{Factsheet, Recipe, StationFact};
 
@@ -23,8 +23,8 @@ pub(crate) fn of(config: &DeliveryPlannerConfig) -> Factsheet {
     Factsheet {
         protocol_version: PROTOCOL_VERSION.to_owned(),
         feeder: config.feeder.clone(),
-        platen_frame: "platen".to_owned(),
-        tray_frame: format!("{}/tray", config.feeder),
+        platen_frame: frames::PLATEN.to_owned(),
+        tray_frame: frames::tray(&config.feeder),
         recipe: config.recipes.first().map(|recipe| recipe.name.clone()).unwrap_or_default(),
         recipes: config
             .recipes

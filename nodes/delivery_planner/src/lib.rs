@@ -18,17 +18,17 @@ use feeder_runtime::node::{
 };
 use feeder_scenario::plan::{DeliveryPlannerConfig, NodeConfig, PlannedRecipe};
 use feeder_wire::area::{self, AreaRequest};
-use feeder_wire::pose::yaw_of_quaternion;
-use feeder_wire::{nodes, services, topics, trajectory};
+use feeder_wire::delivery_state::PlannerStand;
+use feeder_wire::feeder_state::FeederReport;
+use feeder_wire::{courier_state, frames, nodes, odometry, response, services, topics, trajectory};
 use minifactory_msgs::action::DeliverPart;
-use minifactory_msgs::control_msgs::action::{FollowJointTrajectory, FollowJointTrajectoryResult};
+use minifactory_msgs::control_msgs::action::FollowJointTrajectory;
 use minifactory_msgs::msg::{CourierState, DeliveryState, Factsheet, FeederState, PartCandidates};
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::srv::{
     ChangeRecipe, Purge, ReleaseArea, ReleaseAreaRequest, ReportHandover, ReserveArea, SetWaveform,
 };
 use minifactory_msgs::std_srvs::srv::{SetBool, SetBoolRequest, Trigger};
-use nalgebra::Vector3;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
@@ -84,17 +84,17 @@ pub struct DeliveryPlanner {
     /// Open goals of agents.
     deliveries: BTreeMap<DeliveryId, Open>,
     /// The last reports on hand-overs.
-    reported: VecDeque<agents::Reported>,
+    reported: VecDeque<agents::Accepted>,
     moves: BTreeMap<MoveId, GoalId>,
     reserving: BTreeMap<CallId, ReserveId>,
     purging: Option<Asker>,
     /// Recipe changes that wait for the generator, and the recipe each asks for.
     changing: VecDeque<(CallId, Asker, usize)>,
     /// What was last said, to be said again when something changes.
-    said: DeliveryState,
+    said: PlannerStand,
     /// When that was, ns.
     said_ns: u64,
-    said_state: Option<FeederState>,
+    said_state: Option<FeederReport>,
     fact: Factsheet,
     said_fact: bool,
 }
@@ -150,7 +150,7 @@ impl FeederNode for DeliveryPlanner {
             sequencer,
             feeder: config.feeder.clone(),
             part_class: config.part_class.clone(),
-            tray_frame: format!("{}/tray", config.feeder),
+            tray_frame: frames::tray(&config.feeder),
             random: generator(config.seed, Self::NAME),
             recipes: config.recipes.clone(),
             recipe: 0,
@@ -160,7 +160,7 @@ impl FeederNode for DeliveryPlanner {
             reserving: BTreeMap::new(),
             purging: None,
             changing: VecDeque::new(),
-            said: DeliveryState::default(),
+            said: PlannerStand::idle(),
             said_ns: 0,
             said_state: None,
             fact: factsheet::of(config),
@@ -186,17 +186,17 @@ impl FeederNode for DeliveryPlanner {
 impl DeliveryPlanner {
     /// Takes in what the feeder's other nodes and the arbiter say.
     fn hear(&mut self, io: &mut StepIo) {
-        let states = io.take(&self.ports.courier_state);
-        for odometry in io.take(&self.ports.odometry) {
-            let stamp_ns = ns_of_stamp(&odometry.header.stamp);
+        let mut states = io.take(&self.ports.courier_state);
+        for message in io.take(&self.ports.odometry) {
+            let stamp_ns = ns_of_stamp(&message.header.stamp);
             // Both are published together; without its state a pose says nothing about rest.
-            if let Some(state) = states.iter().find(|state| ns_of_stamp(&state.header.stamp) == stamp_ns) {
-                let pose = &odometry.pose.pose;
+            if let Some(index) = states.iter().position(|state| ns_of_stamp(&state.header.stamp) == stamp_ns) {
+                let activity = courier_state::from_message(states.swap_remove(index));
                 self.sequencer.courier(CourierReport {
                     stamp: Duration::from_nanos(stamp_ns),
-                    position: Vector3::new(pose.position.x, pose.position.y, yaw_of_quaternion(&pose.orientation)),
-                    vibrating: state.vibrating,
-                    moving: state.moving,
+                    position: odometry::from_message(&message).position,
+                    vibrating: activity.vibrating,
+                    moving: activity.moving,
                 });
             }
         }
@@ -207,8 +207,8 @@ impl DeliveryPlanner {
             }
         }
         for (_, response) in io.replies(&self.ports.set_feeding) {
-            if !response.success {
-                self.sequencer.feed_refused(response.message);
+            if let Err(reason) = response::from_message(response) {
+                self.sequencer.feed_refused(reason);
             }
         }
         if let Some(arbiter) = self.ports.arbiter {
@@ -218,8 +218,8 @@ impl DeliveryPlanner {
                 }
             }
             for (_, response) in io.replies(&arbiter.release) {
-                if !response.released {
-                    tracing::warn!("an area was not released: {}", response.message);
+                if let Err(reason) = response::from_message(response) {
+                    tracing::warn!("an area was not released: {reason}");
                 }
             }
         }
@@ -229,8 +229,9 @@ impl DeliveryPlanner {
                 ClientEvent::Rejected(goal) => (goal, Err("the courier driver refused the trajectory".to_owned())),
                 ClientEvent::Lost(goal) => (goal, Err("the courier driver does not answer".to_owned())),
                 ClientEvent::Finished(goal, Some(GoalEnd::Succeeded), _) => (goal, Ok(())),
-                ClientEvent::Finished(goal, _, FollowJointTrajectoryResult { error_string, .. }) => {
-                    (goal, Err(error_string))
+                ClientEvent::Finished(goal, _, result) => {
+                    let reason = trajectory::from_result(result).map(|(_, reason)| reason);
+                    (goal, Err(reason.unwrap_or_else(|unknown| unknown.to_string())))
                 }
             };
             let ended = self.moves.iter().find(|(_, known)| **known == goal).map(|(id, _)| *id);

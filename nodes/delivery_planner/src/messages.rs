@@ -4,14 +4,9 @@ use std::time::Duration;
 
 use feeder_control::delivery::{Candidate, CandidateFrame, Failure};
 use feeder_model::delivery::Outcome;
-use feeder_runtime::node::{ns_of_stamp, stamp_of_ns};
+use feeder_runtime::node::ns_of_stamp;
 use feeder_wire::part_candidates::{SeenPart, UnknownRefusal};
-use minifactory_msgs::builtin_interfaces::msg::Time;
 use minifactory_msgs::msg::PartCandidates;
-
-pub(crate) fn stamp(since_start: Duration) -> Time {
-    stamp_of_ns(u64::try_from(since_start.as_nanos()).unwrap_or(u64::MAX))
-}
 
 /// The outcome by which the result of an action names a failure.
 pub(crate) fn outcome(failure: &Failure) -> Outcome {
@@ -52,6 +47,7 @@ pub(crate) fn candidate_frame(message: &PartCandidates) -> Result<CandidateFrame
 mod tests {
     use feeder_model::part::Refusals;
     use feeder_wire::part_candidates::to_message;
+    use feeder_wire::stamp_of;
     use nalgebra::Vector2;
 
     use super::*;
@@ -73,7 +69,7 @@ mod tests {
         let near = Refusals { part_too_near: true, ..none };
         let over_the_edge = Refusals { off_plateau: true, ..none };
         let mut message = to_message("block", &[seen(1, none), seen(2, near), seen(3, over_the_edge)]);
-        message.header.stamp = stamp(Duration::from_millis(100));
+        message.header.stamp = stamp_of(Duration::from_millis(100));
         let frame = candidate_frame(&message).unwrap();
         let told: Vec<_> = frame.candidates.iter().map(|part| (part.id, part.refusals)).collect();
         assert_eq!((frame.stamp, told), (Duration::from_millis(100), vec![(1, none), (2, near)]));

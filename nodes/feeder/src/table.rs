@@ -69,41 +69,4 @@ pub(crate) const NODES: &[NodeEntry] = &[
 ];
 
 #[cfg(test)]
-mod tests {
-    use std::path::Path;
-
-    use feeder_runtime::launch::parameters;
-    use feeder_runtime::parameters::Declaration;
-    use feeder_scenario::plan::{PlannedConfig, load_plan};
-
-    use super::*;
-
-    fn parameters_of(planned: &PlannedConfig) -> Result<Vec<Declaration>, NodeError> {
-        match planned {
-            PlannedConfig::WaveformGenerator(config) => parameters::<waveform_generator::WaveformGenerator>(config),
-            PlannedConfig::CourierDriver(config) => parameters::<courier_driver::CourierDriver>(config),
-            PlannedConfig::PartSimulator(config) => parameters::<part_simulator::PartSimulator>(config),
-            PlannedConfig::VisionSelector(config) => parameters::<vision_selector::VisionSelector>(config),
-            PlannedConfig::DeliveryPlanner(config) => parameters::<delivery_planner::DeliveryPlanner>(config),
-            PlannedConfig::OverheadManipulator(config) => {
-                parameters::<overhead_manipulator::OverheadManipulator>(config)
-            }
-            PlannedConfig::PlatenArbiter(config) => parameters::<platen_arbiter::PlatenArbiter>(config),
-            PlannedConfig::RunMonitor(config) => parameters::<run_monitor::RunMonitor>(config),
-        }
-    }
-
-    #[test]
-    fn every_parameter_of_every_node_is_described() {
-        let three = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch_configs/three_feeders.yaml");
-        for plan in [load_plan(None).unwrap(), load_plan(Some(&three)).unwrap()] {
-            for planned in &plan.nodes {
-                let declared = parameters_of(&planned.node).unwrap();
-                assert!(declared.iter().any(|declaration| declaration.name == "tick_ms"));
-                let bare = declared.iter().filter(|declaration| declaration.description.is_empty());
-                let bare: Vec<_> = bare.map(|declaration| &declaration.name).collect();
-                assert!(bare.is_empty(), "{} says nothing of {bare:?}", name_of(planned));
-            }
-        }
-    }
-}
+mod tests;

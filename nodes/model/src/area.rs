@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::range::OutOfRange;
 
+/// Where on the ROS graph lies what belongs to a shared platen and to no feeder.
+pub const PLATEN_NAMESPACE: &str = "/platen";
+
 /// Everything within a radius of a polyline on the platen: a disc when the line is a single point, a corridor when not.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -32,6 +32,28 @@ pub enum Surface {
     Plateau,
 }
 
+/// Where a part is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Place {
+    /// On the helical ramp.
+    Ramp,
+    /// On the level plateau.
+    Plateau,
+    /// Off the end of the plateau: falling, coming to rest, or waiting for room at the foot of the ramp. Its position is
+    /// where it left the plateau; it touches nothing and cannot be picked.
+    Falling,
+}
+
+impl From<Surface> for Place {
+    fn from(surface: Surface) -> Self {
+        match surface {
+            Surface::Ramp => Self::Ramp,
+            Surface::Plateau => Self::Plateau,
+        }
+    }
+}
+
 impl TrayGeometry {
     /// The tray of the paper: 30 mm to 90 mm, a ramp of 180° rising 20 mm.
     pub const PAPER: Self =

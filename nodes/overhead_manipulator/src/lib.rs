@@ -14,14 +14,15 @@ use feeder_runtime::node::{
     StepIo,
 };
 use feeder_scenario::plan::{NodeConfig, OverheadManipulatorConfig};
-use feeder_wire::delivery;
-use feeder_wire::frames;
+use feeder_wire::deliver_part::{self, DeliveryProgress, PartWanted, PresentedPart};
+use feeder_wire::hand_over::{self, HandOverReport};
 use feeder_wire::joints::{self, Joint};
-use feeder_wire::pose::{planar_pose, yaw_of_quaternion};
-use feeder_wire::{nodes, services, topics};
-use minifactory_msgs::action::{DeliverPart, DeliverPartGoal};
+use feeder_wire::pick::{self, GripRequest};
+use feeder_wire::pose::UprightPose;
+use feeder_wire::{frames, nodes, response, services, topics};
+use minifactory_msgs::action::{DeliverPart, DeliverPartFeedback, DeliverPartResult};
 use minifactory_msgs::sensor_msgs::msg::JointState;
-use minifactory_msgs::srv::{Pick, PickRequest, ReportHandover, ReportHandoverRequest};
+use minifactory_msgs::srv::{Pick, ReportHandover, ReportHandoverRequest};
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
@@ -44,7 +45,7 @@ struct Feeder {
 const REPORT_ATTEMPTS: u32 = 3;
 
 /// A report on a hand-over that its feeder has not answered yet.
-struct Report {
+struct OpenReport {
     /// Index of the feeder.
     feeder: usize,
     request: ReportHandoverRequest,
@@ -72,7 +73,7 @@ pub struct OverheadManipulator {
     presented: bool,
     gripping: Option<CallId>,
     /// In the order they are to be heard in.
-    reports: VecDeque<Report>,
+    reports: VecDeque<OpenReport>,
     /// The first of them, on its way.
     reporting: Option<CallId>,
     /// Number of the last report on this delivery.
@@ -161,33 +162,25 @@ impl OverheadManipulator {
                         events.push(Event::NoPart("the feeder refused the request".to_owned()));
                     }
                     ClientEvent::Lost(_) => events.push(Event::NoPart("the feeder does not answer".to_owned())),
-                    ClientEvent::Feedback(id, feedback) => {
-                        if Some(id) == self.goal
-                            && delivery::phase_of(feedback.phase) == Some(Phase::Presented)
-                            && !self.presented
-                        {
+                    ClientEvent::Feedback(id, feedback) if Some(id) == self.goal && !self.presented => {
+                        if let Some(presented) = presented(feedback) {
                             self.presented = true;
-                            let pose = feedback.part_in_station;
-                            events.push(Event::Presented(Presented {
-                                delivery_id: feedback.delivery_id,
-                                x_m: pose.position.x,
-                                y_m: pose.position.y,
-                                yaw_rad: yaw_of_quaternion(&pose.orientation),
-                            }));
+                            events.push(Event::Presented(presented));
                         }
                     }
-                    ClientEvent::Finished(id, _, result) => {
-                        if Some(id) == self.goal && delivery::outcome_of(result.outcome) != Some(Outcome::Delivered) {
-                            tracing::warn!("no part: {}", result.reason);
-                            events.push(Event::NoPart(result.reason));
+                    ClientEvent::Finished(id, _, result) if Some(id) == self.goal => {
+                        if let Some(reason) = failure(result) {
+                            tracing::warn!("no part: {reason}");
+                            events.push(Event::NoPart(reason));
                         }
                     }
+                    ClientEvent::Feedback(..) | ClientEvent::Finished(..) => {}
                 }
             }
             for (call, response) in io.replies(&feeder.pick) {
                 if self.gripping == Some(call) {
                     self.gripping = None;
-                    events.push(Event::Gripped(if response.picked { Ok(()) } else { Err(response.message) }));
+                    events.push(Event::Gripped(pick::from_response(response).map(|_| ())));
                 }
             }
             for (call, response) in io.answers(&feeder.report) {
@@ -203,8 +196,8 @@ impl OverheadManipulator {
                         self.reports.pop_front();
                     }
                     Some(response) => {
-                        if !response.accepted {
-                            tracing::warn!("the feeder did not accept the report: {}", response.message);
+                        if let Err(reason) = response::from_message(response) {
+                            tracing::warn!("the feeder did not accept the report: {reason}");
                         }
                         self.reports.pop_front();
                     }
@@ -224,31 +217,35 @@ impl OverheadManipulator {
                 self.goal = Some(id);
                 self.presented = false;
                 self.sequence = 0;
-                let goal = DeliverPartGoal {
+                let wanted = PartWanted {
                     station: self.config.station.clone(),
-                    part_class: self.config.part_class.clone(),
-                    pose_class: self.config.pose_class.clone(),
+                    part_class: Some(self.config.part_class.clone()),
+                    pose_class: Some(self.config.pose_class.clone()),
                     tolerance_m: config.tolerance_m,
-                    part_gap_m_min: config.part_gap_m_min,
-                    timeout_s: config.timeout_s,
+                    part_gap_m_min: Some(config.part_gap_m_min).filter(|gap_m| *gap_m > 0.0),
+                    timeout: Some(Duration::from_secs_f64(config.timeout_s)),
                 };
-                self.feeders[self.asked].deliver.send(io, id, goal);
+                self.feeders[self.asked].deliver.send(io, id, deliver_part::to_goal(&wanted));
             }
             Action::Grip { x_m, y_m, z_m, theta_rad } => {
-                let (x_m, y_m) = (self.config.x_m + x_m, self.config.y_m + y_m);
-                let request = PickRequest {
+                let grip = GripRequest {
                     station: self.config.station.clone(),
-                    tool_in_platen: planar_pose(x_m, y_m, self.config.plateau_height_m + z_m, theta_rad),
-                    gripper_opening_m: config.gripper_opening_m,
+                    tool_in_platen: UprightPose {
+                        x_m: self.config.x_m + x_m,
+                        y_m: self.config.y_m + y_m,
+                        z_m: self.config.plateau_height_m + z_m,
+                        yaw_rad: theta_rad,
+                    },
+                    opening_m: config.gripper_opening_m,
                 };
-                self.gripping = Some(io.call(&self.feeders[self.asked].pick, &request));
+                self.gripping = Some(io.call(&self.feeders[self.asked].pick, &pick::to_request(&grip)));
             }
             Action::Report { delivery_id, taken } => {
-                let (report, message) = match taken {
+                let (hand_over, message) = match taken {
                     Ok(()) => (HandOver::Taken, String::new()),
                     Err(message) => (HandOver::NotTaken, message),
                 };
-                self.report(io, delivery_id, report, message);
+                self.report(io, delivery_id, hand_over, message);
             }
             Action::Release { delivery_id } => {
                 self.report(io, delivery_id, HandOver::Released, String::new());
@@ -256,11 +253,11 @@ impl OverheadManipulator {
         }
     }
 
-    fn report(&mut self, io: &mut StepIo, delivery_id: String, report: HandOver, message: String) {
+    fn report(&mut self, io: &mut StepIo, delivery_id: String, hand_over: HandOver, message: String) {
         self.sequence += 1;
-        let report = delivery::report_number(report);
-        let request = ReportHandoverRequest { delivery_id, sequence: self.sequence, report, message };
-        self.reports.push_back(Report { feeder: self.asked, request, attempts: 0 });
+        let report = HandOverReport { delivery_id, sequence: self.sequence, hand_over, message };
+        let request = hand_over::to_request(report);
+        self.reports.push_back(OpenReport { feeder: self.asked, request, attempts: 0 });
         self.send_report(io);
     }
 
@@ -277,6 +274,29 @@ impl OverheadManipulator {
     /// The tool frame: where the axis meets the height of the plateau.
     fn mounting(&self, io: &StepIo) -> TFMessage {
         let place = frames::upright(self.config.x_m, self.config.y_m, self.config.plateau_height_m, 0.0);
-        frames::to_message(io.stamp(), "platen", &format!("{}/tool", self.config.station), &place)
+        frames::to_message(io.stamp(), frames::PLATEN, &frames::tool(&self.config.station), &place)
+    }
+}
+
+/// The part that feedback tells of, once it is presented.
+fn presented(feedback: DeliverPartFeedback) -> Option<Presented> {
+    match deliver_part::from_feedback(feedback) {
+        Ok(DeliveryProgress { phase: Phase::Presented, delivery_id, part: Some(part), .. }) => {
+            let PresentedPart { pose_in_station: UprightPose { x_m, y_m, yaw_rad, .. }, .. } = part;
+            Some(Presented { delivery_id, x_m, y_m, yaw_rad })
+        }
+        Ok(_) => None,
+        Err(error) => {
+            tracing::warn!("feedback passed over: {error}");
+            None
+        }
+    }
+}
+
+/// Why there is no part, if there is none.
+fn failure(result: DeliverPartResult) -> Option<String> {
+    match deliver_part::from_result(result) {
+        Ok(end) => (end.outcome != Outcome::Delivered).then_some(end.reason),
+        Err(error) => Some(error.to_string()),
     }
 }

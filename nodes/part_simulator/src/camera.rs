@@ -8,6 +8,7 @@ use feeder_runtime::node::{Declare, NodeError, Publisher, StepIo, stamp_of_ns};
 use feeder_scenario::plan::PartSimulatorConfig;
 use feeder_sim::camera::{PartView, Renderer, TrayShot, codec};
 use feeder_sim::parts::{Part, PartBulk, Place};
+use feeder_wire::pictures::{self, Encoding};
 use feeder_wire::{frames, topics};
 use image::GrayImage;
 use minifactory_msgs::sensor_msgs::msg::{CameraInfo, CompressedImage, Image};
@@ -63,7 +64,7 @@ impl Camera {
             quality: config.camera.jpeg_quality,
             noise: generator(config.seed, "camera"),
             image: GrayImage::default(),
-            frame: format!("{}/camera_optical", config.feeder),
+            frame: frames::camera(&config.feeder),
             next_ns: period_ns,
             views: Vec::new(),
         })
@@ -92,40 +93,18 @@ impl Camera {
         let header = || Header { stamp: stamp_of_ns(stamp_ns), frame_id: self.frame.clone() };
         let data =
             codec::encode(&self.image, self.quality, MESSAGE_BYTES_MAX - OVERHEAD_BYTES).map_err(NodeError::new)?;
-        let format = "mono8; jpeg compressed mono8".to_owned();
-        io.publish(&ports.compressed, &CompressedImage { header: header(), format, data });
-        io.publish(&ports.info, &self.info(header()));
+        io.publish(&ports.compressed, &pictures::to_compressed(header(), data));
+        io.publish(&ports.info, &pictures::to_camera_info(header(), &self.model));
         if io.wanted(&ports.raw) {
-            let (width, height) = self.image.dimensions();
-            let encoding = "mono8".to_owned();
-            let data = self.image.as_raw().clone();
-            io.publish(
-                &ports.raw,
-                &Image { header: header(), height, width, encoding, is_bigendian: 0, step: width, data },
-            );
+            let (size_px, data) = (self.image.dimensions(), self.image.as_raw().clone());
+            io.publish(&ports.raw, &pictures::to_image(header(), Encoding::Grey, size_px, data));
         }
         Ok(())
     }
 
-    fn info(&self, header: Header) -> CameraInfo {
-        let k = self.model.intrinsics_px();
-        let d = self.model.distortion();
-        CameraInfo {
-            header,
-            height: self.model.height_px(),
-            width: self.model.width_px(),
-            distortion_model: "plumb_bob".to_owned(),
-            d: vec![d.k1, d.k2, d.p1, d.p2, d.k3],
-            k: std::array::from_fn(|i| k[(i / 3, i % 3)]),
-            r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-            p: std::array::from_fn(|i| if i % 4 < 3 { k[(i / 4, i % 4)] } else { 0.0 }),
-            ..CameraInfo::default()
-        }
-    }
-
     /// Where the camera hangs, as calibrated.
     fn mounting(&self) -> TFMessage {
-        frames::to_message(stamp_of_ns(0), "platen", &self.frame, &self.model.platen_from_camera())
+        frames::to_message(stamp_of_ns(0), frames::PLATEN, &self.frame, &self.model.platen_from_camera())
     }
 }
 

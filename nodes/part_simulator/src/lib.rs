@@ -13,11 +13,12 @@ use feeder_runtime::node::{
 };
 use feeder_scenario::plan::{NodeConfig, PartSimulatorConfig};
 use feeder_sim::camera::TrayShot;
-use feeder_sim::parts::{Part, PartBulk, Place};
-use feeder_wire::pose::planar_isometry;
-use feeder_wire::{nodes, services, topics};
-use minifactory_msgs::msg::{PartState, PartStates, PickEvent, TrayMotion};
-use minifactory_msgs::srv::{LoadParts, LoadPartsResponse, Pick, PickRequest, PickResponse};
+use feeder_sim::parts::{Part, PartBulk, PickedPart};
+use feeder_wire::parts::{self, TruePart, TrueParts};
+use feeder_wire::pick::{self, GripRequest, Gripped, GripperClosed, TakenPart};
+use feeder_wire::{frames, nodes, services, topics};
+use minifactory_msgs::msg::{PartStates, PickEvent, TrayMotion};
+use minifactory_msgs::srv::{LoadParts, LoadPartsResponse, Pick};
 use minifactory_msgs::std_msgs::msg::Header;
 use nalgebra::{Isometry2, Point2, Vector2};
 
@@ -96,7 +97,7 @@ impl FeederNode for PartSimulator {
             ports,
             bulk,
             camera,
-            frame: format!("{}/tray", config.feeder),
+            frame: frames::tray(&config.feeder),
             plateau_height_m: config.tray.plateau_height_m(),
             tray: TrayShot::still(Isometry2::new(start.xy(), start.z)),
             known_until_ns: 0,
@@ -120,8 +121,8 @@ impl FeederNode for PartSimulator {
         for station in 0..self.ports.picks.len() {
             let server = self.ports.picks[station];
             for (asker, request) in io.requests(&server) {
-                let response = self.pick(io, &request);
-                io.reply(&server, asker, &response);
+                let gripped = self.pick(io, pick::from_request(request));
+                io.reply(&server, asker, &pick::to_response(gripped));
             }
         }
         io.publish(&self.ports.parts, &self.part_states());
@@ -169,65 +170,53 @@ impl PartSimulator {
     }
 
     /// Closes a gripper: the part whose centre is nearest to the tool axis, within half the opening less half the part.
-    fn pick(&mut self, io: &mut StepIo, request: &PickRequest) -> PickResponse {
-        let missed = |message: String| PickResponse { picked: false, part_id: 0, message };
-        let tool = &request.tool_in_platen.position;
-        let height_m = tool.z - self.plateau_height_m;
-        let reach_m = 0.5 * (request.gripper_opening_m - self.bulk.part_type().width_min_m());
-        let response = if !(tool.x.is_finite() && tool.y.is_finite() && height_m.abs() <= GRIP_HEIGHT_M) {
-            missed(format!("the tool is {height_m} m above the plateau, allowed is {GRIP_HEIGHT_M} m either way"))
-        } else if reach_m.is_nan() || reach_m <= 0.0 {
-            missed(format!("an opening of {} m is narrower than the part", request.gripper_opening_m))
-        } else {
-            let at = planar_isometry(&request.tool_in_platen).translation.vector;
-            let at = self.tray.platen_from_tray.inverse_transform_point(&Point2::from(at));
-            match self.bulk.pick(at.x, at.y, reach_m) {
-                None => missed("nothing lies between the gripper's fingers".to_owned()),
-                Some(part) => {
-                    self.tell(io, request, true, part.id, part.pose);
-                    return PickResponse { picked: true, part_id: part.id, message: String::new() };
-                }
-            }
-        };
-        self.tell(io, request, false, 0, 0);
-        response
+    fn pick(&mut self, io: &mut StepIo, grip: GripRequest) -> Gripped {
+        let picked = self.reach(&grip);
+        let taken = picked
+            .as_ref()
+            .ok()
+            .map(|part| TakenPart { id: part.id, resting_pose: u8::try_from(part.pose).unwrap_or(u8::MAX) });
+        let closed = GripperClosed { station: grip.station, tool_in_platen: grip.tool_in_platen, taken };
+        let event = PickEvent { header: io.header(frames::PLATEN), ..pick::to_event(&closed) };
+        io.publish(&self.ports.events, &event);
+        picked.map(|part| part.id)
     }
 
-    fn tell(&self, io: &mut StepIo, request: &PickRequest, picked: bool, part_id: u32, pose: usize) {
-        let event = PickEvent {
-            header: io.header("platen"),
-            station: request.station.clone(),
-            picked,
-            part_id,
-            resting_pose: u8::try_from(pose).unwrap_or(u8::MAX),
-            tool_in_platen: request.tool_in_platen,
-        };
-        io.publish(&self.ports.events, &event);
+    fn reach(&mut self, grip: &GripRequest) -> Result<PickedPart, String> {
+        let tool = &grip.tool_in_platen;
+        let height_m = tool.z_m - self.plateau_height_m;
+        let reach_m = 0.5 * (grip.opening_m - self.bulk.part_type().width_min_m());
+        if !(tool.x_m.is_finite() && tool.y_m.is_finite() && height_m.abs() <= GRIP_HEIGHT_M) {
+            return Err(format!("the tool is {height_m} m above the plateau, allowed is {GRIP_HEIGHT_M} m either way"));
+        }
+        if reach_m.is_nan() || reach_m <= 0.0 {
+            return Err(format!("an opening of {} m is narrower than the part", grip.opening_m));
+        }
+        let at = self.tray.platen_from_tray.inverse_transform_point(&Point2::new(tool.x_m, tool.y_m));
+        let nothing = || "nothing lies between the gripper's fingers".to_owned();
+        self.bulk.pick(at.x, at.y, reach_m).ok_or_else(nothing)
     }
 
     fn part_states(&self) -> PartStates {
         let counters = self.bulk.counters();
         let count = |value: u64| u32::try_from(value).unwrap_or(u32::MAX);
-        PartStates {
-            header: Header { stamp: stamp_of_ns(self.known_until_ns), frame_id: self.frame.clone() },
-            parts: self.bulk.parts().iter().map(|part| part_state(part, &self.bulk.part_type().name)).collect(),
+        let truth = TrueParts {
+            parts: self.bulk.parts().iter().map(|part| true_part(part, &self.bulk.part_type().name)).collect(),
             fed: count(counters.fed),
             recirculated: count(counters.recirculated),
             picked: count(counters.picked),
             jams: count(counters.jams),
-        }
+        };
+        let header = Header { stamp: stamp_of_ns(self.known_until_ns), frame_id: self.frame.clone() };
+        PartStates { header, ..parts::to_message(truth) }
     }
 }
 
-fn part_state(part: &Part, class: &str) -> PartState {
-    PartState {
+fn true_part(part: &Part, class: &str) -> TruePart {
+    TruePart {
         id: part.id,
         part_class: class.to_owned(),
-        surface: match part.place {
-            Place::Ramp => PartState::RAMP,
-            Place::Plateau => PartState::PLATEAU,
-            Place::Falling => PartState::FALLING,
-        },
+        place: part.place,
         resting_pose: u8::try_from(part.pose).unwrap_or(u8::MAX),
         radius_m: part.radius_m(),
         angle_rad: part.angle_rad(),

@@ -9,12 +9,10 @@ use std::time::Duration;
 use feeder_control::platen::{Answer, Arbiter, Granted, LeaseId, Refusal, Reservation, Ticket};
 use feeder_runtime::node::{Asker, Declare, FeederNode, NodeError, Publisher, Server, StepIo};
 use feeder_scenario::plan::{NodeConfig, PlatenArbiterConfig};
-use feeder_wire::area::{self, AreaRequest, LeasedArea, NoLease};
-use feeder_wire::{nodes, services, topics};
-use minifactory_msgs::msg::{AreaLease, AreaLeases};
-use minifactory_msgs::srv::{
-    ReleaseArea, ReleaseAreaRequest, ReleaseAreaResponse, ReserveArea, ReserveAreaRequest, ReserveAreaResponse,
-};
+use feeder_wire::area::{self, AreaRequest, LeasedArea, NoLease, PlatenLeases};
+use feeder_wire::{frames, nodes, response, services, topics};
+use minifactory_msgs::msg::AreaLeases;
+use minifactory_msgs::srv::{ReleaseArea, ReserveArea, ReserveAreaRequest, ReserveAreaResponse};
 
 /// Handles of the arbiter's ports.
 pub struct Ports {
@@ -30,7 +28,7 @@ pub struct PlatenArbiter {
     tickets: Ticket,
     askers: BTreeMap<Ticket, Asker>,
     /// What was last published, without its stamp.
-    said: Option<(Vec<AreaLease>, Vec<String>)>,
+    said: Option<PlatenLeases>,
 }
 
 impl FeederNode for PlatenArbiter {
@@ -61,8 +59,9 @@ impl FeederNode for PlatenArbiter {
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         let now = Duration::from_nanos(io.now_ns());
         for (asker, request) in io.requests(&self.ports.release) {
-            let response = self.release(&request);
-            io.reply(&self.ports.release, asker, &response);
+            let lease = request.lease_id.parse();
+            let released = lease.and_then(|lease| self.arbiter.release(&request.agent, lease)).map(|()| "");
+            io.reply(&self.ports.release, asker, &response::to_message(released));
         }
         for (asker, request) in io.requests(&self.ports.reserve) {
             self.reserve(io, now, asker, &request);
@@ -106,38 +105,25 @@ impl PlatenArbiter {
         }
     }
 
-    fn release(&mut self, request: &ReleaseAreaRequest) -> ReleaseAreaResponse {
-        let released = request.lease_id.parse().and_then(|lease| self.arbiter.release(&request.agent, lease));
-        match released {
-            Ok(()) => ReleaseAreaResponse { released: true, message: String::new() },
-            Err(error) => ReleaseAreaResponse { released: false, message: error.to_string() },
-        }
-    }
-
     fn publish(&mut self, io: &mut StepIo) {
-        let leases: Vec<AreaLease> = self
-            .arbiter
-            .leases()
-            .iter()
-            .map(|(id, lease)| {
-                area::to_lease(&LeasedArea {
-                    lease: id.to_string(),
-                    agent: lease.agent.clone(),
-                    area: lease.area.clone(),
-                    parked: lease.parked,
-                    occupied: lease.occupied,
-                    expires: lease.expires,
-                    overdue: lease.overdue,
-                })
-            })
-            .collect();
-        let waiting: Vec<String> = self.arbiter.waiting().map(str::to_owned).collect();
-        if self.said.as_ref().is_none_or(|(said, waited)| (said, waited) != (&leases, &waiting)) {
-            for lease in leases.iter().filter(|lease| lease.overdue) {
-                tracing::warn!("{} of {} has ended without a release", lease.lease_id, lease.agent);
+        let leases = self.arbiter.leases().iter().map(|(id, lease)| LeasedArea {
+            lease: id.to_string(),
+            agent: lease.agent.clone(),
+            area: lease.area.clone(),
+            parked: lease.parked,
+            occupied: lease.occupied,
+            expires: lease.expires,
+            overdue: lease.overdue,
+        });
+        let leases =
+            PlatenLeases { leases: leases.collect(), waiting: self.arbiter.waiting().map(str::to_owned).collect() };
+        if self.said.as_ref() != Some(&leases) {
+            for lease in leases.leases.iter().filter(|lease| lease.overdue) {
+                tracing::warn!("{} of {} has ended without a release", lease.lease, lease.agent);
             }
-            self.said = Some((leases.clone(), waiting.clone()));
-            io.publish(&self.ports.leases, &AreaLeases { header: io.header("platen"), leases, waiting });
+            let message = AreaLeases { header: io.header(frames::PLATEN), ..area::to_leases(&leases) };
+            io.publish(&self.ports.leases, &message);
+            self.said = Some(leases);
         }
     }
 }

@@ -4,11 +4,10 @@ use std::collections::BTreeSet;
 
 use feeder_model::part::PartType;
 use feeder_model::tray::TrayGeometry;
-use feeder_sim::parts::{Departure, FeedObserver, FeedReport, Place, Sighting};
-use minifactory_msgs::msg::{FeedMetrics, PartState, PartStates};
+use feeder_sim::parts::{Departure, FeedObserver, FeedReport, Sighting};
+use feeder_wire::parts::{TruePart, TrueParts};
+use minifactory_msgs::msg::FeedMetrics;
 use minifactory_msgs::std_msgs::msg::Header;
-
-use crate::truth::place;
 
 /// The figures of a run so far, and how they came about.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -50,10 +49,10 @@ impl FeedScore {
     }
 
     /// Looks at all parts.
-    pub(crate) fn learn(&mut self, time_s: f64, message: &PartStates) {
-        self.feed.jams = message.jams;
-        self.feed.stranded = message.parts.iter().fold(0, |count, part| count + u32::from(part.stranded));
-        for Departure { id, was_good } in self.observer.observe(time_s, message.parts.iter().map(sighting)) {
+    pub(crate) fn learn(&mut self, time_s: f64, truth: &TrueParts) {
+        self.feed.jams = truth.jams;
+        self.feed.stranded = truth.parts.iter().fold(0, |count, part| count + u32::from(part.stranded));
+        for Departure { id, was_good } in self.observer.observe(time_s, truth.parts.iter().map(sighting)) {
             let called = self.called_right.remove(&id);
             self.called_wrongly.remove(&id);
             self.feed.missed_selections += u32::from(was_good && !called);
@@ -97,11 +96,7 @@ impl Feed {
     }
 }
 
-fn sighting(part: &PartState) -> Sighting {
-    let surface = match part.surface {
-        PartState::RAMP => Place::Ramp,
-        PartState::PLATEAU => Place::Plateau,
-        _ => Place::Falling,
-    };
-    Sighting { id: part.id, place: surface, pose: usize::from(part.resting_pose), position_m: place(part) }
+fn sighting(part: &TruePart) -> Sighting {
+    let (pose, position_m) = (usize::from(part.resting_pose), part.position_in_tray_m());
+    Sighting { id: part.id, place: part.place, pose, position_m }
 }

@@ -1,6 +1,7 @@
 //! The score of one feeder, by ground truth.
 
 use std::collections::BTreeSet;
+use std::fmt::Display;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -8,14 +9,18 @@ use feeder_model::delivery::Phase;
 use feeder_model::part::PartType;
 use feeder_runtime::node::{Declare, Publisher, StepIo, Subscriber, ns_of_stamp};
 use feeder_scenario::plan::RunMonitorConfig;
-use feeder_wire::{delivery, topics};
+use feeder_wire::delivery_state::PlannerStand;
+use feeder_wire::part_candidates::SeenPart;
+use feeder_wire::parts::TrueParts;
+use feeder_wire::pick::TakenPart;
+use feeder_wire::{courier_state, delivery_state, odometry, part_candidates, parts, pick, topics, tray_motion};
+use minifactory_msgs::builtin_interfaces::msg::Time;
 use minifactory_msgs::msg::{
-    CourierState, DeliveryState, FeedMetrics, PartCandidate, PartCandidates, PartStates, PickEvent, RunProgress,
-    TrayMotion,
+    CourierState, DeliveryState, FeedMetrics, PartCandidates, PartStates, PickEvent, RunProgress, TrayMotion,
 };
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::std_msgs::msg::Header;
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector2;
 
 use crate::feed::FeedScore;
 use crate::progress::{Activity, FeederProgress};
@@ -94,25 +99,33 @@ impl FeederMonitor {
 
     pub(crate) fn hear(&mut self, io: &mut StepIo) {
         self.locate(io);
-        let picks = io.take(&self.ports.picks);
-        for event in picks.iter().filter(|event| event.picked) {
-            self.progress.parts_doubled += u32::from(!self.picked.insert(event.part_id));
+        let taken: Vec<TakenPart> =
+            io.take(&self.ports.picks).into_iter().filter_map(|message| pick::from_event(message).taken).collect();
+        for part in &taken {
+            self.progress.parts_doubled += u32::from(!self.picked.insert(part.id));
         }
         for message in io.take(&self.ports.parts) {
-            self.progress.fed = message.fed;
-            self.count(&message);
-            self.truth.learn(&message);
-            self.score_feed(io, &message);
+            let stamp = message.header.stamp;
+            let Some(truth) = understood("parts", parts::from_message(message)) else { continue };
+            self.progress.fed = truth.fed;
+            self.count(&truth);
+            self.truth.learn(ns_of_stamp(&stamp), &truth.parts);
+            self.score_feed(io, stamp, &truth);
         }
         for message in io.take(&self.ports.part_candidates) {
-            self.score_candidates(&message);
+            let Some(seen) = understood("part_candidates", part_candidates::from_message(&message)) else { continue };
+            self.score_candidates(ns_of_stamp(&message.header.stamp), &seen);
         }
         for message in io.take(&self.ports.delivery) {
-            self.truth.settle(ns_of_stamp(&message.look_stamp));
-            self.spend(&message);
+            let stamp_ns = ns_of_stamp(&message.header.stamp);
+            let Some(stand) = understood("delivery_state", delivery_state::from_message(message)) else { continue };
+            if let Some(chosen) = &stand.chosen {
+                self.truth.settle(u64::try_from(chosen.look.as_nanos()).unwrap_or(u64::MAX));
+            }
+            self.spend(stamp_ns, &stand);
         }
-        for event in &picks {
-            self.score_pick(event);
+        for part in &taken {
+            self.score_pick(part);
         }
     }
 
@@ -124,17 +137,19 @@ impl FeederMonitor {
     /// Compares what the driver says of its courier with the truth.
     fn locate(&mut self, io: &mut StepIo) {
         for message in io.take(&self.ports.odometry) {
-            let position = feeder_wire::odometry::from_message(&message).position;
+            let position = odometry::from_message(&message).position;
             self.whereabouts.say(ns_of_stamp(&message.header.stamp), position);
         }
         for message in io.take(&self.ports.motion) {
             // A block begins at its stamp.
-            if let ([x_m, ..], [y_m, ..], [yaw_rad, ..]) = (&message.x_m[..], &message.y_m[..], &message.yaw_rad[..]) {
-                self.whereabouts.learn(ns_of_stamp(&message.header.stamp), Vector3::new(*x_m, *y_m, *yaw_rad));
+            let block = understood("tray_motion", tray_motion::from_message(&message));
+            if let Some(first) = block.as_ref().and_then(|block| block.samples.first()) {
+                self.whereabouts.learn(ns_of_stamp(&message.header.stamp), first.position);
             }
         }
         for message in io.take(&self.ports.courier) {
-            self.whereabouts.score.hear(message.position_error_m, message.yaw_error_rad);
+            let activity = courier_state::from_message(message);
+            self.whereabouts.score.hear(activity.position_error_m, activity.yaw_error_rad);
         }
         self.progress.odometry = self.whereabouts.score;
     }
@@ -145,22 +160,22 @@ impl FeederMonitor {
     }
 
     /// Scores what the tray feeds, and tells it once a second.
-    fn score_feed(&mut self, io: &mut StepIo, message: &PartStates) {
-        let stamp_ns = ns_of_stamp(&message.header.stamp);
+    fn score_feed(&mut self, io: &mut StepIo, stamp: Time, truth: &TrueParts) {
+        let stamp_ns = ns_of_stamp(&stamp);
         let time_s = Duration::from_nanos(stamp_ns).as_secs_f64();
-        self.score.learn(time_s, message);
+        self.score.learn(time_s, truth);
         if stamp_ns >= self.metrics_ns {
             self.metrics_ns += METRICS_NS;
             self.progress.feed = self.score.feed();
             Arc::make_mut(&mut self.progress.history).push((time_s, self.progress.feed.clone()));
-            let header = Header { stamp: message.header.stamp, frame_id: String::new() };
+            let header = Header { stamp, frame_id: String::new() };
             io.publish(&self.ports.metrics, &self.progress.feed.message(header));
         }
     }
 
     /// Looks for parts that are gone without a pick, or back after one.
-    fn count(&mut self, message: &PartStates) {
-        let present: BTreeSet<u32> = message.parts.iter().map(|part| part.id).collect();
+    fn count(&mut self, truth: &TrueParts) {
+        let present: BTreeSet<u32> = truth.parts.iter().map(|part| part.id).collect();
         let count = |parts: usize| u32::try_from(parts).unwrap_or(u32::MAX);
         let gone = self.present.difference(&present).filter(|id| !self.picked.contains(id)).count();
         let back = present.difference(&self.present).filter(|id| self.picked.contains(id)).count();
@@ -169,24 +184,22 @@ impl FeederMonitor {
         self.present = present;
     }
 
-    fn spend(&mut self, message: &DeliveryState) {
-        let stamp_ns = ns_of_stamp(&message.header.stamp);
+    fn spend(&mut self, stamp_ns: u64, stand: &PlannerStand) {
         let (activity, since_ns) = self.activity;
         let spent_s = Duration::from_nanos(stamp_ns.saturating_sub(since_ns)).as_secs_f64();
         *self.progress.spent_s.entry(activity).or_insert(0.0) += spent_s;
-        self.activity = (activity_of(message.phase), stamp_ns);
-        self.progress.accepted = message.accepted;
-        self.progress.succeeded = message.delivered;
-        self.progress.failed_by_outcome = message.failed_by_outcome.to_vec();
+        self.activity = (activity_of(stand.phase), stamp_ns);
+        self.progress.accepted = stand.accepted;
+        self.progress.succeeded = stand.delivered;
+        self.progress.failed_by_outcome = stand.failed_by_outcome.to_vec();
     }
 
     /// Finds out which parts the selector meant, by where they were when the picture was taken.
-    fn score_candidates(&mut self, message: &PartCandidates) {
-        let stamp_ns = ns_of_stamp(&message.header.stamp);
-        for seen in message.parts.iter().filter(|part| part.refusals & PartCandidate::OFF_PLATEAU == 0) {
-            let center = Vector2::new(seen.pose.position.x, seen.pose.position.y);
-            let part = self.truth.part_at(stamp_ns, &center, self.part_radius_m);
-            let called_right = seen.refusals == 0 && self.wanted_pose_names.contains(&seen.pose_class);
+    fn score_candidates(&mut self, stamp_ns: u64, seen: &[SeenPart]) {
+        for seen in seen.iter().filter(|part| !part.refusals.off_plateau) {
+            let part = self.truth.part_at(stamp_ns, &seen.position_in_tray_m, self.part_radius_m);
+            let is_wanted = seen.pose_class.as_ref().is_some_and(|pose| self.wanted_pose_names.contains(pose));
+            let called_right = seen.refusals.may_be_picked() && is_wanted;
             if called_right && self.truth.knows(stamp_ns) {
                 self.score.selected(part);
             }
@@ -198,16 +211,14 @@ impl FeederMonitor {
         }
     }
 
-    fn score_pick(&mut self, event: &PickEvent) {
-        if event.picked {
-            self.progress.delivered += 1;
-            self.progress.wrong_pose_delivered += u32::from(!self.wanted_poses.contains(&event.resting_pose));
-            match self.truth.slip_m(event.part_id) {
-                Some(slip_m) => {
-                    self.progress.max_slip_m = Some(self.progress.max_slip_m.map_or(slip_m, |most| most.max(slip_m)));
-                }
-                None => self.progress.slips_unknown += 1,
+    fn score_pick(&mut self, part: &TakenPart) {
+        self.progress.delivered += 1;
+        self.progress.wrong_pose_delivered += u32::from(!self.wanted_poses.contains(&part.resting_pose));
+        match self.truth.slip_m(part.id) {
+            Some(slip_m) => {
+                self.progress.max_slip_m = Some(self.progress.max_slip_m.map_or(slip_m, |most| most.max(slip_m)));
             }
+            None => self.progress.slips_unknown += 1,
         }
     }
 
@@ -229,16 +240,21 @@ impl FeederMonitor {
     }
 }
 
-fn activity_of(phase: u8) -> Activity {
-    match delivery::phase_of(phase) {
-        Some(Phase::Feeding) => Activity::Wait,
-        Some(Phase::Stopping) => Activity::Stop,
-        Some(Phase::Settling) => Activity::Settle,
-        Some(Phase::Looking) => Activity::Look,
-        Some(Phase::Reserving) => Activity::Reserve,
-        Some(Phase::Moving) => Activity::Move,
-        Some(Phase::Presented) => Activity::Pick,
-        Some(Phase::Returning) => Activity::Return,
-        Some(Phase::Idle | Phase::Purging | Phase::Fault) | None => Activity::Idle,
+/// What a message says, if it can be understood.
+fn understood<T>(topic: &str, said: Result<T, impl Display>) -> Option<T> {
+    said.inspect_err(|error| tracing::warn!("{topic} passed over: {error}")).ok()
+}
+
+fn activity_of(phase: Phase) -> Activity {
+    match phase {
+        Phase::Feeding => Activity::Wait,
+        Phase::Stopping => Activity::Stop,
+        Phase::Settling => Activity::Settle,
+        Phase::Looking => Activity::Look,
+        Phase::Reserving => Activity::Reserve,
+        Phase::Moving => Activity::Move,
+        Phase::Presented => Activity::Pick,
+        Phase::Returning => Activity::Return,
+        Phase::Idle | Phase::Purging | Phase::Fault => Activity::Idle,
     }
 }

@@ -49,8 +49,8 @@ impl PlatenMonitor {
         self.places_m.clear();
         self.places_m.extend(places_m);
         if let Some(message) = io.take(&self.ports.leases).pop() {
-            let leases = message.leases.iter().map(area::from_lease).map(|lease| (lease.agent, lease.area));
-            self.leases = Some(leases.collect());
+            let leases = area::from_leases(&message).leases.into_iter();
+            self.leases = Some(leases.map(|lease| (lease.agent, lease.area)).collect());
         }
         self.check_distances(progress);
         self.check_areas(progress);

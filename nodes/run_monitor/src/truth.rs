@@ -2,8 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use feeder_runtime::node::ns_of_stamp;
-use minifactory_msgs::msg::{PartState, PartStates};
+use feeder_wire::parts::TruePart;
 use nalgebra::Vector2;
 
 /// How far back places are remembered, in messages of one tick each. A choice becomes known when the part is presented,
@@ -31,12 +30,14 @@ struct Settled {
 }
 
 impl Truth {
-    pub(crate) fn learn(&mut self, message: &PartStates) {
-        let places: Places = message.parts.iter().map(|part| (part.id, (place(part), part.resting_pose))).collect();
+    /// The parts were there at `stamp_ns`.
+    pub(crate) fn learn(&mut self, stamp_ns: u64, parts: &[TruePart]) {
+        let place = |part: &TruePart| (part.id, (part.position_in_tray_m(), part.resting_pose));
+        let places: Places = parts.iter().map(place).collect();
         if let Some(settled) = &mut self.settled {
             settled.follow(&places);
         }
-        self.recent.push_back((ns_of_stamp(&message.header.stamp), places));
+        self.recent.push_back((stamp_ns, places));
         if self.recent.len() > MEMORY {
             self.recent.pop_front();
         }
@@ -55,9 +56,9 @@ impl Truth {
         (distance_m <= reach_m).then_some(part)
     }
 
-    /// Counts slip from the picture taken at `look_ns`, on which a choice rests; 0 stands for none.
+    /// Counts slip from the picture taken at `look_ns`, on which a choice rests.
     pub(crate) fn settle(&mut self, look_ns: u64) {
-        if look_ns == 0 || self.settled.as_ref().is_some_and(|settled| settled.look_ns == look_ns) {
+        if self.settled.as_ref().is_some_and(|settled| settled.look_ns == look_ns) {
             return;
         }
         let mut since = self.recent.iter().filter(|(ns, _)| *ns >= look_ns);
@@ -86,34 +87,39 @@ impl Settled {
     }
 }
 
-pub(crate) fn place(part: &PartState) -> Vector2<f64> {
-    let (sin, cos) = part.angle_rad.sin_cos();
-    Vector2::new(part.radius_m * cos, part.radius_m * sin)
-}
-
 #[cfg(test)]
 mod tests {
-    use feeder_runtime::node::stamp_of_ns;
+    use feeder_model::tray::Place;
 
     use super::*;
 
-    fn states(stamp_ns: u64, radii_m: &[f64]) -> PartStates {
-        let mut message = PartStates::default();
-        message.header.stamp = stamp_of_ns(stamp_ns);
-        message.parts =
-            (0..).zip(radii_m).map(|(id, &radius_m)| PartState { id, radius_m, ..Default::default() }).collect();
-        message
+    /// Parts on the line of ψ = 0, numbered from 0.
+    fn parts(radii_m: &[f64]) -> Vec<TruePart> {
+        let part = |(id, &radius_m): (u32, &f64)| TruePart {
+            id,
+            part_class: "block".to_owned(),
+            place: Place::Plateau,
+            resting_pose: 0,
+            radius_m,
+            angle_rad: 0.0,
+            yaw_rad: 0.0,
+            radial_velocity_m_s: 0.0,
+            tangential_velocity_m_s: 0.0,
+            sticking: true,
+            stranded: false,
+        };
+        (0..).zip(radii_m).map(part).collect()
     }
 
     #[test]
     fn slip_is_the_largest_displacement_since_the_choice_even_when_it_becomes_known_later() {
         let mut truth = Truth::default();
         for (stamp_ns, radius_m) in [(10, 0.070), (20, 0.080), (30, 0.0803), (40, 0.0801)] {
-            truth.learn(&states(stamp_ns, &[radius_m]));
+            truth.learn(stamp_ns, &parts(&[radius_m]));
         }
         truth.settle(20);
         assert!((truth.slip_m(0).unwrap() - 0.0003).abs() < 1e-12);
-        truth.learn(&states(50, &[0.0806]));
+        truth.learn(50, &parts(&[0.0806]));
         truth.settle(20);
         assert!((truth.slip_m(0).unwrap() - 0.0006).abs() < 1e-12);
         assert_eq!(truth.slip_m(7), None);
@@ -122,8 +128,8 @@ mod tests {
     #[test]
     fn a_part_is_found_where_it_was_not_where_it_is() {
         let mut truth = Truth::default();
-        truth.learn(&states(10, &[0.060, 0.080]));
-        truth.learn(&states(20, &[0.080, 0.060]));
+        truth.learn(10, &parts(&[0.060, 0.080]));
+        truth.learn(20, &parts(&[0.080, 0.060]));
         assert_eq!(truth.part_at(10, &Vector2::new(0.0795, 0.0), 0.002), Some((1, 0)));
         assert_eq!(truth.part_at(20, &Vector2::new(0.0795, 0.0), 0.002), Some((0, 0)));
         assert_eq!(truth.part_at(20, &Vector2::new(0.0700, 0.0), 0.002), None);

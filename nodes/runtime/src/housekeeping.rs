@@ -3,7 +3,6 @@
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
-use minifactory_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
 use minifactory_msgs::interface::standard::DIAGNOSTICS;
 use minifactory_msgs::std_msgs::msg::Header;
 use serde::Serialize;
@@ -13,6 +12,7 @@ use crate::args::LogLevel;
 use crate::clock::Clock;
 use crate::configuration::{Configuration, changed};
 use crate::dds::{BackgroundTask, DdsError, Loss, Participant, Server, Writer};
+use crate::health::{Health, HealthLevel};
 use crate::logging;
 use crate::node::NodeError;
 use crate::parameters::{Declaration, ParameterServer, Store, Value};
@@ -124,28 +124,27 @@ fn report(participant: &Participant, diagnostics: &Writer, clock: Clock) -> impl
             let losses = losses();
             let total = losses.iter().map(|loss| loss.count).sum();
             let header = Header { stamp: clock(), frame_id: String::new() };
-            let status = vec![communication(&node, &losses, total > known)];
+            let health = communication(&node, &losses, total > known);
             known = total;
-            outlet.publish_message(&DiagnosticArray { header, status });
+            outlet.publish_message(&health.into_message(header));
         }
     }
 }
 
 /// How communication fares: a warning while losses are fresh, and all counts.
-fn communication(node: &str, losses: &[Loss], fresh: bool) -> DiagnosticStatus {
-    let key_value =
-        |loss: &Loss| KeyValue { key: format!("{}: {}", loss.endpoint, loss.what), value: loss.count.to_string() };
+fn communication(node: &str, losses: &[Loss], fresh: bool) -> Health {
     let (level, message) = match (losses.is_empty(), fresh) {
-        (true, _) => (DiagnosticStatus::OK, "nothing lost or refused"),
-        (false, false) => (DiagnosticStatus::OK, "nothing more lost or refused"),
-        (false, true) => (DiagnosticStatus::WARN, "samples, requests or replies lost or refused"),
+        (true, _) => (HealthLevel::Good, "nothing lost or refused"),
+        (false, false) => (HealthLevel::Good, "nothing more lost or refused"),
+        (false, true) => (HealthLevel::Warning, "samples, requests or replies lost or refused"),
     };
-    DiagnosticStatus {
-        level,
+    let value = |loss: &Loss| (format!("{}: {}", loss.endpoint, loss.what), loss.count.to_string());
+    Health {
         name: format!("{node}: communication"),
+        level,
         message: message.to_owned(),
         hardware_id: String::new(),
-        values: losses.iter().map(key_value).collect(),
+        values: losses.iter().map(value).collect(),
     }
 }
 
@@ -159,11 +158,11 @@ mod tests {
     fn fresh_losses_are_a_warning_and_counts_stay() {
         let loss = Loss { endpoint: "rt/a".into(), what: "samples lost", count: 3 };
         let ok = communication("/n", &[], false);
-        assert_eq!((ok.level, ok.name.as_str(), ok.values.len()), (DiagnosticStatus::OK, "/n: communication", 0));
+        assert_eq!((ok.level, ok.name.as_str(), ok.values.len()), (HealthLevel::Good, "/n: communication", 0));
         let fresh = communication("/n", std::slice::from_ref(&loss), true);
-        assert_eq!((fresh.level, fresh.values[0].key.as_str()), (DiagnosticStatus::WARN, "rt/a: samples lost"));
+        assert_eq!((fresh.level, fresh.values[0].0.as_str()), (HealthLevel::Warning, "rt/a: samples lost"));
         let later = communication("/n", &[loss], false);
-        assert_eq!((later.level, later.values[0].value.as_str()), (DiagnosticStatus::OK, "3"));
+        assert_eq!((later.level, later.values[0].1.as_str()), (HealthLevel::Good, "3"));
     }
 
     #[test]

@@ -12,6 +12,7 @@ pub mod dds;
 pub mod digest;
 #[doc(hidden)]
 pub mod fuzzing;
+mod health;
 mod housekeeping;
 pub mod launch;
 pub mod lockstep;

@@ -388,7 +388,7 @@ impl Scenario {
         let waveform = self.waveform()?;
         let motor = self.world.motor.parameters().map_err(|problem| invalid("world", &problem))?;
         motor.validate().map_err(|error| invalid("world", &error))?;
-        self.courier.check_waveform(&waveform).map_err(|error| invalid("waveform", &error))
+        self.courier.waveform_envelope().check(&waveform).map_err(|error| invalid("waveform", &error))
     }
 
     fn validate_camera(&self, part: &PartType) -> Result<(), ScenarioError> {

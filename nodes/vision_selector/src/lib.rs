@@ -13,23 +13,22 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, StepIo, Subscriber, ns_of_stamp};
+use feeder_runtime::node::{
+    Declare, FeederNode, Health, HealthLevel, NodeError, Publisher, StepIo, Subscriber, ns_of_stamp,
+};
 use feeder_scenario::plan::{NodeConfig, VisionSelectorConfig};
 use feeder_vision::{ImageFault, NoPose, PoseHistory, Selector, TimedPose, TrackedCandidate, draw_overlay};
 use feeder_wire::odometry::{self, EstimatedMotion};
 use feeder_wire::part_candidates::{self, SeenPart};
-use feeder_wire::pose::planar_pose;
-use feeder_wire::{nodes, topics};
+use feeder_wire::pictures::{self, Encoding};
+use feeder_wire::{detections, frames, nodes, topics};
 use image::GrayImage;
-use minifactory_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
-use minifactory_msgs::geometry_msgs::msg::Vector3;
+use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
 use minifactory_msgs::msg::PartCandidates;
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::{CompressedImage, Image};
 use minifactory_msgs::std_msgs::msg::Header;
-use minifactory_msgs::vision_msgs::msg::{
-    BoundingBox3D, Detection3D, Detection3DArray, ObjectHypothesis, ObjectHypothesisWithPose,
-};
+use minifactory_msgs::vision_msgs::msg::Detection3DArray;
 use nalgebra::Isometry2;
 
 /// Frames in a row that may be missing before the camera counts as silent, and ticks that images may be under way.
@@ -112,7 +111,7 @@ impl FeederNode for VisionSelector {
         let names = Names {
             poses: config.poses.clone(),
             part: config.part_class.clone(),
-            tray_frame: format!("{}/tray", config.feeder),
+            tray_frame: frames::tray(&config.feeder),
             node: format!("/{}/{}", config.feeder, Self::NAME),
         };
         let selector = config.selector().map_err(NodeError::new)?;
@@ -221,10 +220,9 @@ impl VisionSelector {
             Err(fault) => (Vec::new(), Some(fault)),
         };
         self.tell(io, fault);
-        let detections = self.names.detections(&message.header, &tracked, &self.sight.selector);
-        io.publish(&self.ports.candidates, &detections);
-        let parts = self.names.part_candidates(&message.header, &tracked, &self.sight.selector);
-        io.publish(&self.ports.part_candidates, &parts);
+        let (shown, told) = self.names.messages(&message.header, &tracked, &self.sight.selector);
+        io.publish(&self.ports.candidates, &shown);
+        io.publish(&self.ports.part_candidates, &told);
     }
 
     /// Says what is wrong when that changes.
@@ -241,8 +239,8 @@ impl VisionSelector {
 
     fn publish_diagnostics(&self, io: &mut StepIo) {
         let level = match &self.fault {
-            Some(fault) if fault.is_wrong() => DiagnosticStatus::WARN,
-            _ => DiagnosticStatus::OK,
+            Some(fault) if fault.is_wrong() => HealthLevel::Warning,
+            _ => HealthLevel::Good,
         };
         let message = self.fault.as_ref().map_or_else(|| "selecting".to_owned(), ToString::to_string);
         let values = [
@@ -250,10 +248,9 @@ impl VisionSelector {
             ("images without a pose of the tray", self.frames.without_pose),
             ("images that make no sense", self.frames.without_sense),
         ];
-        let values = values.map(|(key, count)| KeyValue { key: key.to_owned(), value: count.to_string() }).to_vec();
-        let status = DiagnosticStatus { level, name: self.names.node.clone(), message, values, ..Default::default() };
-        let message = DiagnosticArray { header: io.header(""), status: vec![status] };
-        io.publish(&self.ports.diagnostics, &message);
+        let values = values.map(|(name, count)| (name.to_owned(), count.to_string())).to_vec();
+        let health = Health { name: self.names.node.clone(), level, message, hardware_id: String::new(), values };
+        io.publish(&self.ports.diagnostics, &health.into_message(io.header("")));
     }
 }
 
@@ -289,72 +286,37 @@ impl Sight {
 
     fn annotate(&self, header: &Header, picture: &Picture) -> Image {
         let drawn = draw_overlay(&picture.image, &picture.tracked, &self.selector, &picture.platen_from_tray);
-        let (width, height) = drawn.dimensions();
-        Image {
-            header: header.clone(),
-            height,
-            width,
-            encoding: "rgb8".to_owned(),
-            is_bigendian: 0,
-            step: 3 * width,
-            data: drawn.into_raw(),
-        }
+        pictures::to_image(header.clone(), Encoding::Rgb, drawn.dimensions(), drawn.into_raw())
     }
 }
 
 impl Names {
-    fn header(&self, image: &Header) -> Header {
-        Header { stamp: image.stamp, frame_id: self.tray_frame.clone() }
+    /// What was seen, for viewers and for planners.
+    fn messages(
+        &self,
+        image: &Header,
+        tracked: &[TrackedCandidate],
+        selector: &Selector,
+    ) -> (Detection3DArray, PartCandidates) {
+        let header = Header { stamp: image.stamp, frame_id: self.tray_frame.clone() };
+        let parts: Vec<SeenPart> = tracked.iter().map(|part| self.seen_part(part, selector)).collect();
+        let sizes_m = tracked.iter().map(|part| selector.size_m(&part.candidate));
+        let on_plateau = parts.iter().zip(sizes_m).filter(|(part, _)| !part.refusals.off_plateau);
+        let shown = detections::to_message(&header, &self.part, on_plateau);
+        (shown, PartCandidates { header, ..part_candidates::to_message(&self.part, &parts) })
     }
 
-    fn part_candidates(&self, image: &Header, tracked: &[TrackedCandidate], selector: &Selector) -> PartCandidates {
-        let part = |part: &TrackedCandidate| SeenPart {
+    fn seen_part(&self, part: &TrackedCandidate, selector: &Selector) -> SeenPart {
+        SeenPart {
             id: part.id,
             position_in_tray_m: part.candidate.centre().coords,
             yaw_in_tray_rad: part.candidate.yaw_rad.unwrap_or(0.0),
-            pose_class: self.pose_name(part).cloned(),
+            pose_class: part.pose.and_then(|pose| self.poses.get(pose)).cloned(),
             confidence: part.confidence,
             radius_m: selector.radius_m(&part.candidate),
             part_gap_m: part.candidate.part_gap_m,
             wall_gap_m: part.candidate.wall_gap_m,
             refusals: selector.refusals(part),
-        };
-        let parts: Vec<SeenPart> = tracked.iter().map(part).collect();
-        PartCandidates { header: self.header(image), ..part_candidates::to_message(&self.part, &parts) }
-    }
-
-    fn pose_name(&self, part: &TrackedCandidate) -> Option<&String> {
-        part.pose.and_then(|pose| self.poses.get(pose))
-    }
-
-    fn detections(&self, image: &Header, tracked: &[TrackedCandidate], selector: &Selector) -> Detection3DArray {
-        let header = self.header(image);
-        // A track that coasts was not seen in this frame.
-        let on_plateau = tracked.iter().filter(|part| part.candidate.on_plateau);
-        let detections = on_plateau.map(|part| self.detection(&header, part, selector)).collect();
-        Detection3DArray { header, detections }
-    }
-
-    fn detection(&self, header: &Header, part: &TrackedCandidate, selector: &Selector) -> Detection3D {
-        let seen = &part.candidate;
-        // A part that looks the same from all sides has no yaw of its own.
-        let pose = planar_pose(seen.x_m, seen.y_m, 0.0, seen.yaw_rad.unwrap_or(0.0));
-        let results = self.pose_name(part).map(|name| {
-            let class_id = format!("{}/{name}", self.part);
-            let mut result = ObjectHypothesisWithPose {
-                hypothesis: ObjectHypothesis { class_id, score: part.confidence },
-                ..ObjectHypothesisWithPose::default()
-            };
-            result.pose.pose = pose;
-            result
-        });
-        let [x, y, z] = selector.size_m(seen);
-        let size = Vector3 { x, y, z };
-        Detection3D {
-            header: header.clone(),
-            results: results.into_iter().collect(),
-            bbox: BoundingBox3D { center: pose, size },
-            id: part.id.to_string(),
         }
     }
 }
@@ -469,8 +431,7 @@ mod tests {
             let message = message(frame, &good);
             let tracked = sight.look(&message).unwrap().tracked;
             let header = message.header;
-            let told = names.part_candidates(&header, &tracked, &sight.selector);
-            let shown = names.detections(&header, &tracked, &sight.selector);
+            let (shown, told) = names.messages(&header, &tracked, &sight.selector);
             assert_eq!((&told.header, told.parts.len()), (&shown.header, 1));
             assert_eq!(told.parts[0].id.to_string(), shown.detections[0].id);
             // A first look alone is not sure enough; eight are.

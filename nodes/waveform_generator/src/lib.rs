@@ -5,14 +5,14 @@
 
 use std::time::Duration;
 
-use feeder_control::courier::CourierConfig;
+use feeder_control::courier::WaveformEnvelope;
 use feeder_model::waveform::Waveform;
 use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, Server, StepIo, Subscriber};
 use feeder_scenario::plan::{NodeConfig, WaveformGeneratorConfig};
-use feeder_wire::{nodes, services, topics};
+use feeder_wire::{courier_state, nodes, response, services, topics};
 use minifactory_msgs::msg;
-use minifactory_msgs::srv::{SetWaveform, SetWaveformResponse};
-use minifactory_msgs::std_srvs::srv::{SetBool, SetBoolResponse};
+use minifactory_msgs::srv::SetWaveform;
+use minifactory_msgs::std_srvs::srv::SetBool;
 
 /// Between two publications of a waveform that runs, or that the courier has not acknowledged, ns.
 const REPEAT_PERIOD_NS: u64 = 500_000_000;
@@ -30,8 +30,8 @@ pub struct Ports {
 #[derive(Debug)]
 pub struct WaveformGenerator {
     ports: Ports,
-    /// What the driver is set up with: a waveform that it refuses is not published.
-    courier: CourierConfig,
+    /// What the courier can run: a waveform that its driver would refuse is not published.
+    envelope: WaveformEnvelope,
     name: String,
     waveform: Waveform,
     enabled: bool,
@@ -68,10 +68,10 @@ impl FeederNode for WaveformGenerator {
     }
 
     fn open(ports: Ports, config: &WaveformGeneratorConfig) -> Result<Self, NodeError> {
-        config.courier.check_waveform(&config.waveform).map_err(NodeError::new)?;
+        config.envelope.check(&config.waveform).map_err(NodeError::new)?;
         Ok(Self {
             ports,
-            courier: config.courier,
+            envelope: config.envelope,
             name: config.name.clone(),
             waveform: config.waveform.clone(),
             enabled: false,
@@ -88,20 +88,17 @@ impl FeederNode for WaveformGenerator {
             // Said anew even when nothing changes: the courier may have been stopped by somebody else.
             self.changed = true;
             self.enabled = request.data;
-            let message = if request.data { "feeding" } else { "not feeding" }.to_owned();
-            io.reply(&self.ports.set_feeding, asker, &SetBoolResponse { success: true, message });
+            let message = if request.data { "feeding" } else { "not feeding" };
+            io.reply(&self.ports.set_feeding, asker, &response::done(message));
         }
         for (asker, request) in io.requests(&self.ports.set_waveform) {
-            let response = match self.replace(&request.waveform) {
-                Ok(()) => SetWaveformResponse { accepted: true, message: String::new() },
-                Err(error) => SetWaveformResponse { accepted: false, message: error.to_string() },
-            };
-            io.reply(&self.ports.set_waveform, asker, &response);
+            let replaced = self.replace(&request.waveform).map(|()| "");
+            io.reply(&self.ports.set_waveform, asker, &response::to_message(replaced));
         }
         let changed = std::mem::take(&mut self.changed);
         self.sequence += u32::from(changed);
         for state in io.take(&self.ports.courier_state) {
-            self.acknowledged = state.waveform_sequence;
+            self.acknowledged = courier_state::from_message(state).waveform_sequence;
         }
         // Said again as a sign of life while the courier vibrates, and until the courier has heard it.
         let unheard = self.acknowledged != self.sequence;
@@ -129,7 +126,7 @@ impl WaveformGenerator {
     /// Takes over a waveform; what was there stays when it is refused.
     fn replace(&mut self, message: &msg::Waveform) -> Result<(), NodeError> {
         let waveform = feeder_wire::waveform::from_message(message).map_err(NodeError::new)?;
-        self.courier.check_waveform(&waveform).map_err(NodeError::new)?;
+        self.envelope.check(&waveform).map_err(NodeError::new)?;
         self.waveform = waveform;
         self.name.clone_from(&message.name);
         self.enabled = message.enabled;

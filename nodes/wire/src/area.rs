@@ -4,12 +4,13 @@ use std::time::Duration;
 
 use feeder_model::area::Area;
 use minifactory_msgs::geometry_msgs::msg::Point;
-use minifactory_msgs::msg::{self, AreaLease};
+use minifactory_msgs::msg::{self, AreaLease, AreaLeases};
+use minifactory_msgs::ns_of_stamp;
 use minifactory_msgs::srv::{ReserveAreaRequest, ReserveAreaResponse};
-use minifactory_msgs::{ns_of_stamp, stamp_of_ns};
 use nalgebra::Vector2;
 
 use crate::numbered::numbered;
+use crate::stamp_of;
 
 /// An area as a message.
 #[must_use]
@@ -100,9 +101,13 @@ pub enum NoLease {
 numbered! {
     /// The number of a refusal.
     refusal_number,
-    /// The refusal of a number; nothing for one that is not known, or for no refusal.
+    /// The refusal of a number.
+    ///
+    /// # Errors
+    /// A number that stands for none.
     refusal_of,
-    NoLease {
+    "result", "0 to 6",
+    NoLease as u8 {
         Invalid = ReserveAreaResponse::INVALID,
         Taken = ReserveAreaResponse::TAKEN,
         Parked = ReserveAreaResponse::PARKED,
@@ -123,7 +128,7 @@ pub fn to_response(answer: AreaAnswer) -> ReserveAreaResponse {
         Ok((lease_id, expires)) => ReserveAreaResponse {
             result: ReserveAreaResponse::GRANTED,
             lease_id,
-            expires: stamp_of_ns(ns(expires)),
+            expires: stamp_of(expires),
             message: String::new(),
         },
         Err((refusal, message)) => {
@@ -160,23 +165,41 @@ pub struct LeasedArea {
     pub overdue: bool,
 }
 
-/// A lease as a message.
+/// All leases of the platen, oldest first, and the agents whose requests wait, first come first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PlatenLeases {
+    /// The leases.
+    pub leases: Vec<LeasedArea>,
+    /// The agents that wait.
+    pub waiting: Vec<String>,
+}
+
+/// The leases as a message; its header is left to the publisher.
 #[must_use]
-pub fn to_lease(lease: &LeasedArea) -> AreaLease {
+pub fn to_leases(leases: &PlatenLeases) -> AreaLeases {
+    let PlatenLeases { leases, waiting } = leases;
+    AreaLeases { leases: leases.iter().map(to_lease).collect(), waiting: waiting.clone(), ..AreaLeases::default() }
+}
+
+/// The leases of a message.
+#[must_use]
+pub fn from_leases(message: &AreaLeases) -> PlatenLeases {
+    PlatenLeases { leases: message.leases.iter().map(from_lease).collect(), waiting: message.waiting.clone() }
+}
+
+fn to_lease(lease: &LeasedArea) -> AreaLease {
     AreaLease {
         lease_id: lease.lease.clone(),
         agent: lease.agent.clone(),
         area: to_message(&lease.area),
         parked: lease.parked,
         occupied: lease.occupied,
-        expires: stamp_of_ns(ns(lease.expires)),
+        expires: stamp_of(lease.expires),
         overdue: lease.overdue,
     }
 }
 
-/// The lease of a message.
-#[must_use]
-pub fn from_lease(message: &AreaLease) -> LeasedArea {
+fn from_lease(message: &AreaLease) -> LeasedArea {
     LeasedArea {
         lease: message.lease_id.clone(),
         agent: message.agent.clone(),
@@ -186,10 +209,6 @@ pub fn from_lease(message: &AreaLease) -> LeasedArea {
         expires: Duration::from_nanos(ns_of_stamp(&message.expires)),
         overdue: message.overdue,
     }
-}
-
-fn ns(duration: Duration) -> u64 {
-    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }
 
 #[cfg(test)]
@@ -221,7 +240,7 @@ mod tests {
     #[test]
     fn answers_survive_the_round_trip() {
         let granted = Ok(("lease_7".to_owned(), Duration::from_nanos(12_000_000_003)));
-        let refusals: Vec<NoLease> = (0..=u8::MAX).filter_map(refusal_of).collect();
+        let refusals: Vec<NoLease> = (0..=u8::MAX).filter_map(|number| refusal_of(number).ok()).collect();
         assert_eq!(refusals.len(), 6);
         let refused = refusals.into_iter().map(|refusal| Err((refusal, "why not".to_owned())));
         for answer in refused.chain([granted]) {
@@ -232,16 +251,18 @@ mod tests {
     }
 
     #[test]
-    fn a_lease_survives_the_round_trip() {
-        let lease = LeasedArea {
-            lease: "lease_7".to_owned(),
-            agent: "feeder".to_owned(),
+    fn leases_survive_the_round_trip() {
+        let lease = |number: u64| LeasedArea {
+            lease: format!("lease_{number}"),
+            agent: format!("feeder_{number}"),
             area: corridor(),
-            parked: true,
-            occupied: false,
-            expires: Duration::from_millis(90_500),
-            overdue: true,
+            parked: number == 1,
+            occupied: number == 2,
+            expires: Duration::from_millis(90_500 + number),
+            overdue: number == 3,
         };
-        assert_eq!(from_lease(&to_lease(&lease)), lease);
+        let waiting = vec!["crane".to_owned(), "feeder_2".to_owned()];
+        let sent = PlatenLeases { leases: (1..4).map(lease).collect(), waiting };
+        assert_eq!(from_leases(&to_leases(&sent)), sent);
     }
 }

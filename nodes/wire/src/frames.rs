@@ -6,6 +6,33 @@ use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
+/// The platen's frame, z up.
+pub const PLATEN: &str = "platen";
+
+/// The frame that moves with a feeder's courier.
+#[must_use]
+pub fn courier(feeder: &str) -> String {
+    format!("{feeder}/courier")
+}
+
+/// The frame that moves with a feeder's tray: ψ = 0 at the foot of the ramp.
+#[must_use]
+pub fn tray(feeder: &str) -> String {
+    format!("{feeder}/tray")
+}
+
+/// The frame of a feeder's camera: z along the view, x to the right of the image.
+#[must_use]
+pub fn camera(feeder: &str) -> String {
+    format!("{feeder}/camera_optical")
+}
+
+/// The frame of a station's tool.
+#[must_use]
+pub fn tool(station: &str) -> String {
+    format!("{station}/tool")
+}
+
 /// A turn about z by `yaw_rad` and a place (x, y, z), m, in the parent's frame.
 #[must_use]
 pub fn upright(x_m: f64, y_m: f64, z_m: f64, yaw_rad: f64) -> Isometry3<f64> {
@@ -46,7 +73,7 @@ mod tests {
             turn in prop::array::uniform3(-3.0..3.0_f64),
         ) {
             let sent = Isometry3::new(place.into(), turn.into());
-            let message = to_message(Time::default(), "platen", "tool", &sent);
+            let message = to_message(Time::default(), PLATEN, "tool", &sent);
             let stamped = &message.transforms[0];
             prop_assert_eq!((stamped.header.frame_id.as_str(), stamped.child_frame_id.as_str()), ("platen", "tool"));
             let came = from_transform(&stamped.transform);

@@ -21,16 +21,14 @@ pub mod nodes {
     pub const RUN_MONITOR: &str = "run_monitor";
 }
 
-/// Where what belongs to a shared platen and to no feeder lies.
-pub const PLATEN_NAMESPACE: &str = "/platen";
-
 /// Where names lie.
 pub(crate) mod namespaces {
+    use feeder_model::area::PLATEN_NAMESPACE;
     use minifactory_msgs::interface::Namespace;
 
     pub(crate) const FEEDER: Namespace = Namespace::Own("/<feeder>");
     pub(crate) const STATION: Namespace = Namespace::Own("/<station>");
-    pub(crate) const PLATEN: Namespace = Namespace::Fixed(super::PLATEN_NAMESPACE);
+    pub(crate) const PLATEN: Namespace = Namespace::Fixed(PLATEN_NAMESPACE);
     pub(crate) const GLOBAL: Namespace = Namespace::Fixed("");
 }
 

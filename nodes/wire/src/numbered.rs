@@ -1,23 +1,40 @@
 //! Enumerations that messages hold as numbered constants.
 
-/// Makes both halves of such a codec: the constant of each value, and the value of each constant.
+/// A number that stands for nothing that this version knows.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{field} = {found}, allowed are {allowed}")]
+pub struct UnknownNumber {
+    /// The field of the message.
+    pub field: &'static str,
+    /// What it holds.
+    pub found: i64,
+    /// The range of the constants.
+    pub allowed: &'static str,
+}
+
+/// Makes both halves of such a codec: the constant of each value, and the value of each constant. The field's name and
+/// the range of its constants are for the error.
 macro_rules! numbered {
     (
         $(#[$to_doc:meta])* $to:ident, $(#[$of_doc:meta])* $of:ident,
-        $type:ident { $($variant:ident = $number:path),+ $(,)? }
+        $field:literal, $allowed:literal,
+        $type:ident as $number_type:ty { $($variant:ident = $number:path),+ $(,)? }
     ) => {
         $(#[$to_doc])*
         #[must_use]
-        pub fn $to(value: $type) -> u8 {
+        pub fn $to(value: $type) -> $number_type {
             match value { $($type::$variant => $number),+ }
         }
 
         $(#[$of_doc])*
-        #[must_use]
-        pub fn $of(number: u8) -> Option<$type> {
+        pub fn $of(number: $number_type) -> Result<$type, $crate::numbered::UnknownNumber> {
             match number {
-                $($number => Some($type::$variant),)+
-                _ => None,
+                $($number => Ok($type::$variant),)+
+                found => Err($crate::numbered::UnknownNumber {
+                    field: $field,
+                    found: found.into(),
+                    allowed: $allowed,
+                }),
             }
         }
     };

@@ -3,7 +3,7 @@
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use nalgebra::{Rotation2, Vector3};
 
-use crate::pose::{planar_pose, yaw_of_quaternion};
+use crate::pose::{self, UprightPose};
 
 /// Variance of what is not estimated: z, roll and pitch, which the platen holds. A large number is how the drivers of ROS
 /// say so.
@@ -31,7 +31,8 @@ pub struct EstimatedMotion {
 pub fn to_message(motion: &EstimatedMotion) -> Odometry {
     let EstimatedMotion { position, velocity, position_variance, velocity_variance } = *motion;
     let mut message = Odometry::default();
-    message.pose.pose = planar_pose(position.x, position.y, 0.0, position.z);
+    let (x_m, y_m, yaw_rad) = (position.x, position.y, position.z);
+    message.pose.pose = pose::to_message(&UprightPose { x_m, y_m, z_m: 0.0, yaw_rad });
     let twist = Rotation2::new(-position.z) * velocity.xy();
     (message.twist.twist.linear.x, message.twist.twist.linear.y) = (twist.x, twist.y);
     message.twist.twist.angular.z = velocity.z;
@@ -55,14 +56,14 @@ pub fn to_message(motion: &EstimatedMotion) -> Odometry {
 /// The motion of a message.
 #[must_use]
 pub fn from_message(message: &Odometry) -> EstimatedMotion {
-    let (place, twist) = (&message.pose.pose.position, &message.twist.twist);
-    let yaw_rad = yaw_of_quaternion(&message.pose.pose.orientation);
+    let twist = &message.twist.twist;
+    let UprightPose { x_m, y_m, yaw_rad, .. } = pose::from_message(&message.pose.pose);
     let velocity = Rotation2::new(yaw_rad) * Vector3::new(twist.linear.x, twist.linear.y, 0.0).xy();
     let (sin, cos) = yaw_rad.sin_cos();
     let (pose, twist_variance) = (&message.pose.covariance, &message.twist.covariance);
     let (ahead, aside, both) = (twist_variance[0], twist_variance[7], 2.0 * sin * cos * twist_variance[1]);
     EstimatedMotion {
-        position: Vector3::new(place.x, place.y, yaw_rad),
+        position: Vector3::new(x_m, y_m, yaw_rad),
         velocity: Vector3::new(velocity.x, velocity.y, twist.angular.z),
         position_variance: Vector3::new(pose[0], pose[7], pose[35]),
         velocity_variance: Vector3::new(

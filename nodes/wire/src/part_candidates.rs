@@ -4,7 +4,7 @@ use feeder_model::part::Refusals;
 use minifactory_msgs::msg::{PartCandidate, PartCandidates};
 use nalgebra::Vector2;
 
-use crate::pose::{planar_pose, yaw_of_quaternion};
+use crate::pose::{self, UprightPose};
 
 /// A part as the selector sees it in one image.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,6 +27,14 @@ pub struct SeenPart {
     pub wall_gap_m: f64,
     /// What speaks against picking it.
     pub refusals: Refusals,
+}
+
+impl SeenPart {
+    /// Its pose in the tray frame.
+    pub(crate) fn pose_in_tray(&self) -> UprightPose {
+        let (x_m, y_m) = (self.position_in_tray_m.x, self.position_in_tray_m.y);
+        UprightPose { x_m, y_m, z_m: 0.0, yaw_rad: self.yaw_in_tray_rad }
+    }
 }
 
 /// A message with a reason against picking that this version does not know.
@@ -61,7 +69,7 @@ pub fn to_message(part_class: &str, parts: &[SeenPart]) -> PartCandidates {
         let mut refusals = part.refusals;
         PartCandidate {
             id: part.id,
-            pose: planar_pose(part.position_in_tray_m.x, part.position_in_tray_m.y, 0.0, part.yaw_in_tray_rad),
+            pose: pose::to_message(&part.pose_in_tray()),
             pose_class: part.pose_class.clone().unwrap_or_default(),
             confidence: part.confidence,
             radius_m: part.radius_m,
@@ -86,10 +94,11 @@ pub fn from_message(message: &PartCandidates) -> Result<Vec<SeenPart>, UnknownRe
         for (bit, kept) in REASONS {
             *kept(&mut refusals) = part.refusals & bit != 0;
         }
+        let UprightPose { x_m, y_m, yaw_rad, .. } = pose::from_message(&part.pose);
         Ok(SeenPart {
             id: part.id,
-            position_in_tray_m: Vector2::new(part.pose.position.x, part.pose.position.y),
-            yaw_in_tray_rad: yaw_of_quaternion(&part.pose.orientation),
+            position_in_tray_m: Vector2::new(x_m, y_m),
+            yaw_in_tray_rad: yaw_rad,
             pose_class: (!part.pose_class.is_empty()).then(|| part.pose_class.clone()),
             confidence: part.confidence,
             radius_m: part.radius_m,

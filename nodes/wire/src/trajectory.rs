@@ -1,17 +1,102 @@
-//! Trajectory goals as `follow_joint_trajectory` states them.
+//! Trajectories as `follow_joint_trajectory` states them: goals, how they are followed, and how they ended.
 
 use std::time::Duration;
 
 use feeder_model::trajectory::{AXES, Tolerances, Trajectory, TrajectoryPoint};
 use minifactory_msgs::builtin_interfaces::msg::Duration as DurationMessage;
-use minifactory_msgs::control_msgs::action::{FollowJointTrajectoryGoal, FollowJointTrajectoryResult};
+use minifactory_msgs::control_msgs::action::{
+    FollowJointTrajectoryFeedback, FollowJointTrajectoryGoal, FollowJointTrajectoryResult,
+};
 use minifactory_msgs::control_msgs::msg::JointTolerance;
 use minifactory_msgs::ns_of_stamp;
 use minifactory_msgs::trajectory_msgs::msg::JointTrajectoryPoint;
 use nalgebra::Vector3;
 
-/// Why a goal is refused: an error code of the action's result, and the reason.
-pub type Refusal = (i32, String);
+use crate::numbered::{UnknownNumber, numbered};
+
+/// How a goal ended, in the terms of the action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TrajectoryEnd {
+    /// It was followed to its end, or ended by somebody's wish.
+    Successful,
+    /// It cannot be followed, or another goal replaced it.
+    InvalidGoal,
+    /// Its joints are not those of the courier.
+    InvalidJoints,
+    /// It was over before it arrived.
+    TooOld,
+    /// The courier left the tolerance about the path.
+    PathViolated,
+    /// The courier missed the end.
+    GoalViolated,
+}
+
+numbered! {
+    /// The error code of an end.
+    end_number,
+    /// The end of an error code.
+    ///
+    /// # Errors
+    /// A code that stands for none.
+    end_of,
+    "error_code", "-5 to 0",
+    TrajectoryEnd as i32 {
+        Successful = FollowJointTrajectoryResult::SUCCESSFUL,
+        InvalidGoal = FollowJointTrajectoryResult::INVALID_GOAL,
+        InvalidJoints = FollowJointTrajectoryResult::INVALID_JOINTS,
+        TooOld = FollowJointTrajectoryResult::OLD_HEADER_TIMESTAMP,
+        PathViolated = FollowJointTrajectoryResult::PATH_TOLERANCE_VIOLATED,
+        GoalViolated = FollowJointTrajectoryResult::GOAL_TOLERANCE_VIOLATED,
+    }
+}
+
+/// How a goal ended, and the reason for people; empty: there is nothing to say.
+pub type EndOfGoal = (TrajectoryEnd, String);
+
+/// An end as a result.
+#[must_use]
+pub fn to_result((end, reason): EndOfGoal) -> FollowJointTrajectoryResult {
+    FollowJointTrajectoryResult { error_code: end_number(end), error_string: reason }
+}
+
+/// The end of a result.
+///
+/// # Errors
+/// An error code that is not known.
+pub fn from_result(message: FollowJointTrajectoryResult) -> Result<EndOfGoal, UnknownNumber> {
+    Ok((end_of(message.error_code)?, message.error_string))
+}
+
+/// How a trajectory is followed: (x, y, yaw) in m and rad, m/s and rad/s.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Following {
+    /// Where the courier should be.
+    pub set_point: Vector3<f64>,
+    /// How fast it should move.
+    pub set_point_velocity: Vector3<f64>,
+    /// Where it is, as estimated.
+    pub position: Vector3<f64>,
+    /// How fast it moves, as estimated.
+    pub velocity: Vector3<f64>,
+}
+
+/// The feedback; its header is left to the publisher. It states the difference too.
+#[must_use]
+pub fn to_feedback(following: &Following) -> FollowJointTrajectoryFeedback {
+    let Following { set_point, set_point_velocity, position, velocity } = *following;
+    let point = |position: Vector3<f64>, velocity: Vector3<f64>| JointTrajectoryPoint {
+        positions: position.iter().copied().collect(),
+        velocities: velocity.iter().copied().collect(),
+        ..JointTrajectoryPoint::default()
+    };
+    FollowJointTrajectoryFeedback {
+        joint_names: AXES.map(str::to_owned).to_vec(),
+        desired: point(set_point, set_point_velocity),
+        actual: point(position, velocity),
+        error: point(set_point - position, set_point_velocity - velocity),
+        ..FollowJointTrajectoryFeedback::default()
+    }
+}
 
 /// A goal: the trajectory, begun when it arrives, and its tolerances.
 #[must_use]
@@ -62,7 +147,7 @@ fn seconds(duration: &DurationMessage) -> f64 {
 ///
 /// # Errors
 /// What the result of a refused goal says.
-pub fn from_goal(goal: &FollowJointTrajectoryGoal, now_ns: u64) -> Result<(Trajectory, Tolerances), Refusal> {
+pub fn from_goal(goal: &FollowJointTrajectoryGoal, now_ns: u64) -> Result<(Trajectory, Tolerances), EndOfGoal> {
     let names = &goal.trajectory.joint_names;
     let mut columns = [0; 3];
     for (axis, column) in AXES.iter().zip(&mut columns) {
@@ -71,7 +156,7 @@ pub fn from_goal(goal: &FollowJointTrajectoryGoal, now_ns: u64) -> Result<(Traje
             (Some(place), None) if names.len() == AXES.len() => place,
             _ => {
                 let reason = format!("joint_names = {names:?}, allowed is each of {AXES:?} once");
-                return Err((FollowJointTrajectoryResult::INVALID_JOINTS, reason));
+                return Err((TrajectoryEnd::InvalidJoints, reason));
             }
         };
     }
@@ -81,12 +166,12 @@ pub fn from_goal(goal: &FollowJointTrajectoryGoal, now_ns: u64) -> Result<(Traje
     Ok((trajectory, read_tolerances(goal)?))
 }
 
-fn invalid(reason: impl Into<String>) -> Refusal {
-    (FollowJointTrajectoryResult::INVALID_GOAL, reason.into())
+fn invalid(reason: impl Into<String>) -> EndOfGoal {
+    (TrajectoryEnd::InvalidGoal, reason.into())
 }
 
 /// A trajectory begins when it arrives; one that is stamped must not be over, nor wait.
-fn check_stamp(goal: &FollowJointTrajectoryGoal, trajectory: &Trajectory, now_ns: u64) -> Result<(), Refusal> {
+fn check_stamp(goal: &FollowJointTrajectoryGoal, trajectory: &Trajectory, now_ns: u64) -> Result<(), EndOfGoal> {
     let stamp_ns = ns_of_stamp(&goal.trajectory.header.stamp);
     if stamp_ns == 0 {
         return Ok(());
@@ -98,12 +183,12 @@ fn check_stamp(goal: &FollowJointTrajectoryGoal, trajectory: &Trajectory, now_ns
     let late_s = (now_ns - stamp_ns) as f64 * 1e-9;
     if late_s > trajectory.duration_s() {
         let reason = format!("header.stamp is {late_s:.3} s old, and the trajectory over");
-        return Err((FollowJointTrajectoryResult::OLD_HEADER_TIMESTAMP, reason));
+        return Err((TrajectoryEnd::TooOld, reason));
     }
     Ok(())
 }
 
-fn read_tolerances(goal: &FollowJointTrajectoryGoal) -> Result<Tolerances, Refusal> {
+fn read_tolerances(goal: &FollowJointTrajectoryGoal) -> Result<Tolerances, EndOfGoal> {
     let unread = [
         ("multi_dof_trajectory", goal.multi_dof_trajectory.points.len()),
         ("component_path_tolerance", goal.component_path_tolerance.len()),
@@ -119,12 +204,12 @@ fn read_tolerances(goal: &FollowJointTrajectoryGoal) -> Result<Tolerances, Refus
 }
 
 /// Tolerances of position and velocity of each axis; 0, the default, for an axis that is not named.
-fn by_axis(field: &str, tolerances: &[JointTolerance]) -> Result<[Vector3<f64>; 2], Refusal> {
+fn by_axis(field: &str, tolerances: &[JointTolerance]) -> Result<[Vector3<f64>; 2], EndOfGoal> {
     let mut found = [Vector3::zeros(); 2];
     for tolerance in tolerances {
         let Some(axis) = AXES.iter().position(|axis| *axis == tolerance.name) else {
             let reason = format!("{field} names {:?}, allowed are {AXES:?}", tolerance.name);
-            return Err((FollowJointTrajectoryResult::INVALID_JOINTS, reason));
+            return Err((TrajectoryEnd::InvalidJoints, reason));
         };
         if tolerance.acceleration > 0.0 || tolerance.acceleration.is_nan() {
             let reason = format!("{field} of {} bounds the acceleration, which is not measured", tolerance.name);
@@ -226,14 +311,44 @@ mod tests {
             change(&mut goal);
             from_goal(&goal, 5_000_000_000).unwrap_err()
         };
-        type Code = FollowJointTrajectoryResult;
-        let (code, reason) = refused(|goal| "elbow".clone_into(&mut goal.trajectory.joint_names[1]));
-        assert!(code == Code::INVALID_JOINTS && reason.contains("elbow"), "{reason}");
-        let (code, reason) = refused(|goal| _ = goal.trajectory.points[0].velocities.pop());
-        assert!(code == Code::INVALID_GOAL && reason.contains("point 0: velocities has 2 values"), "{reason}");
-        let (code, _) = refused(|goal| goal.trajectory.header.stamp.sec = 3);
-        assert_eq!(code, Code::OLD_HEADER_TIMESTAMP);
-        let (code, reason) = refused(|goal| goal.trajectory.header.stamp.sec = 6);
-        assert!(code == Code::INVALID_GOAL && reason.contains("future"), "{reason}");
+        type End = TrajectoryEnd;
+        let (end, reason) = refused(|goal| "elbow".clone_into(&mut goal.trajectory.joint_names[1]));
+        assert!(end == End::InvalidJoints && reason.contains("elbow"), "{reason}");
+        let (end, reason) = refused(|goal| _ = goal.trajectory.points[0].velocities.pop());
+        assert!(end == End::InvalidGoal && reason.contains("point 0: velocities has 2 values"), "{reason}");
+        let (end, _) = refused(|goal| goal.trajectory.header.stamp.sec = 3);
+        assert_eq!(end, End::TooOld);
+        let (end, reason) = refused(|goal| goal.trajectory.header.stamp.sec = 6);
+        assert!(end == End::InvalidGoal && reason.contains("future"), "{reason}");
+    }
+
+    #[test]
+    fn results_survive_the_round_trip_with_every_end() {
+        let ends: Vec<TrajectoryEnd> = (-128..128).filter_map(|code| end_of(code).ok()).collect();
+        assert_eq!(ends.len(), 6);
+        for end in ends {
+            let sent = (end, "why".to_owned());
+            assert_eq!(from_result(to_result(sent.clone())), Ok(sent));
+        }
+        assert_eq!(end_of(1).unwrap_err().to_string(), "error_code = 1, allowed are -5 to 0");
+    }
+
+    #[test]
+    fn feedback_states_where_the_courier_should_be_where_it_is_and_the_difference() {
+        let feedback = to_feedback(&Following {
+            set_point: Vector3::new(1.0, 2.0, 3.0),
+            set_point_velocity: Vector3::new(4.0, 5.0, 6.0),
+            position: Vector3::new(0.5, 0.25, 0.125),
+            velocity: Vector3::new(8.0, 16.0, 32.0),
+        });
+        assert_eq!(feedback.joint_names, AXES);
+        let told = [&feedback.desired, &feedback.actual, &feedback.error];
+        let told = told.map(|point| (point.positions.as_slice(), point.velocities.as_slice()));
+        let expected: [(&[f64], &[f64]); 3] = [
+            (&[1.0, 2.0, 3.0], &[4.0, 5.0, 6.0]),
+            (&[0.5, 0.25, 0.125], &[8.0, 16.0, 32.0]),
+            (&[0.5, 1.75, 2.875], &[-4.0, -11.0, -26.0]),
+        ];
+        assert_eq!(told, expected);
     }
 }

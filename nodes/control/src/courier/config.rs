@@ -5,16 +5,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::control::ControlParameters;
+use super::envelope::WaveformEnvelope;
 use super::estimator::EstimatorParameters;
 use super::learning::LearningParameters;
-use super::rejection::Rejection;
+use super::limits::CourierLimits;
 use super::safety::SafetyParameters;
-use super::vibrator::Vibrator;
-use crate::courier::limits::{CourierLimits, Extent};
 use feeder_model::motor::Load;
-use feeder_model::range::OutOfRange;
-use feeder_model::range::check_range;
-use feeder_model::waveform::Waveform;
+use feeder_model::range::{OutOfRange, check_range};
 
 /// Everything a courier is set up with.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -75,17 +72,11 @@ impl CourierConfig {
     /// # Errors
     /// The first parameter that is not finite or out of range.
     pub fn validate(&self) -> Result<(), OutOfRange> {
-        self.limits.validate()?;
         self.control.validate()?;
-        self.load.validate()?;
         check_range("servo_period_s", self.servo_period_s, 1e-4, 5e-3)?;
         self.learning.validate(self.servo_period_s)?;
         self.estimator.validate()?;
-        let (min, max) = (self.limits.position_min(), self.limits.position_max());
-        for (axis, name) in ["start x", "start y", "start yaw"].into_iter().enumerate() {
-            check_range(name, self.start[axis], min[axis], max[axis])?;
-        }
-        check_range("fade_periods", f64::from(self.fade_periods), 1.0, f64::from(Vibrator::FADE_PERIODS_MAX))?;
+        self.waveform_envelope().validate()?;
         check_range("goal_tolerance_m", self.goal_tolerance_m, 1e-7, 0.01)?;
         check_range("goal_tolerance_rad", self.goal_tolerance_rad, 1e-6, 0.01)?;
         check_range("goal_time_tolerance_s", self.goal_time_tolerance_s, 0.0, 60.0)?;
@@ -93,14 +84,15 @@ impl CourierConfig {
         check_range("home_acceleration_m_s2", self.home_acceleration_m_s2, 0.01, 20.0)
     }
 
-    /// Checks that a waveform could run with the courier at its start, as the driver does before it takes one.
-    ///
-    /// # Errors
-    /// A waveform with a period out of range, or one that leaves the envelope even when faded in slowly.
-    pub fn check_waveform(&self, waveform: &Waveform) -> Result<(), Rejection> {
-        let cutoff_hz = self.learning.enabled.then_some(self.learning.cutoff_hz);
-        let rest = Extent { position: self.start, ..Extent::default() };
-        let check = |vibration: Extent| self.limits.check(&rest, &vibration, &self.load, 0.0);
-        Vibrator::new(self.servo_period_s, cutoff_hz).prepare(waveform, self.fade_periods, check).map(|_| ())
+    /// Which waveforms the courier can run.
+    #[must_use]
+    pub fn waveform_envelope(&self) -> WaveformEnvelope {
+        WaveformEnvelope {
+            limits: self.limits,
+            load: self.load,
+            start: self.start,
+            fade_periods: self.fade_periods,
+            cutoff_hz: self.learning.set_point_cutoff_hz(),
+        }
     }
 }

@@ -14,7 +14,7 @@ use super::report::{Commander, DriverEvent, Fault, GoalHandle, GoalOutcome};
 use super::safety::Supervisor;
 use super::tolerance::{self, Allowed};
 use super::trajectory::{self, Spline, State};
-use super::vibrator::Vibrator;
+use super::vibrator::{Vibrator, prepare};
 use crate::courier::limits::{CourierLimits, Extent};
 use feeder_model::motor::Load;
 use feeder_model::motor::PlanarMotor;
@@ -70,7 +70,6 @@ impl<P: PlanarMotor> CourierDriver<P> {
         config.validate()?;
         let mass = config.limits.moved(&config.load);
         let (control, learning, period_s) = (config.control, config.learning, config.servo_period_s);
-        let cutoff_hz = learning.enabled.then_some(learning.cutoff_hz);
         Ok(Self {
             controller: Controller::new(&control, mass, period_s)?,
             learner: Learner::new(learning, control, mass, period_s)?,
@@ -83,7 +82,7 @@ impl<P: PlanarMotor> CourierDriver<P> {
             measured: Some(config.start),
             hold: config.start,
             path: None,
-            vibrator: Vibrator::new(period_s, cutoff_hz),
+            vibrator: Vibrator::new(period_s),
             present: State { position: config.start, ..State::default() },
             nominal_acceleration: Vector3::zeros(),
             goal: None,
@@ -165,7 +164,8 @@ impl<P: PlanarMotor> CourierDriver<P> {
                 }
             }
         };
-        let prepared = self.vibrator.prepare(waveform, self.config.fade_periods, check)?;
+        let cutoff_hz = self.config.learning.set_point_cutoff_hz();
+        let prepared = prepare(waveform, cutoff_hz, self.config.fade_periods, check)?;
         self.vibrator.set(prepared, enabled, self.tick);
         Ok(())
     }

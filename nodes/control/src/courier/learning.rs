@@ -73,6 +73,11 @@ impl Default for LearningParameters {
 }
 
 impl LearningParameters {
+    /// Highest frequency of a vibration's set point, Hz; without learning it follows its waveform exactly.
+    pub(crate) fn set_point_cutoff_hz(&self) -> Option<f64> {
+        self.enabled.then_some(self.cutoff_hz)
+    }
+
     /// Checks every value; `servo_period_s` bounds the cut-off.
     ///
     /// # Errors

@@ -17,6 +17,7 @@
 mod config;
 pub mod control;
 mod driver;
+mod envelope;
 mod estimator;
 mod fourier;
 mod learning;
@@ -33,6 +34,7 @@ mod vibrator;
 
 pub use config::CourierConfig;
 pub use driver::CourierDriver;
+pub use envelope::WaveformEnvelope;
 pub use estimator::EstimatorParameters;
 pub use feeder_model::trajectory::{AXES, Tolerances, Trajectory, TrajectoryPoint};
 pub use learning::LearningParameters;

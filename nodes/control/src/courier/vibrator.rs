@@ -40,11 +40,29 @@ struct Wanted {
     enabled: bool,
 }
 
+/// Makes a vibration of a waveform with the shortest fade, from `fade_periods` on, that passes `check`. It follows the
+/// waveform's harmonics up to `cutoff_hz`, or exactly.
+pub(crate) fn prepare(
+    waveform: &Waveform,
+    cutoff_hz: Option<f64>,
+    fade_periods: u32,
+    check: impl Fn(Extent) -> Result<(), LimitViolation>,
+) -> Result<Vibration, Rejection> {
+    let mut vibration = Vibration::new(waveform.clone(), cutoff_hz)?;
+    let mut fade_periods = fade_periods;
+    loop {
+        vibration.set_fade_periods(fade_periods);
+        match check(vibration.extent()) {
+            Ok(()) => return Ok(vibration),
+            Err(violation) if fade_periods >= Vibrator::FADE_PERIODS_MAX => return Err(violation.into()),
+            Err(_) => fade_periods = (2 * fade_periods).min(Vibrator::FADE_PERIODS_MAX),
+        }
+    }
+}
+
 #[derive(Clone, Debug)]
 pub(crate) struct Vibrator {
     period_s: f64,
-    /// Up to where vibrations follow their waveform's harmonics; nothing: they follow it exactly.
-    cutoff_hz: Option<f64>,
     running: Option<Running>,
     wanted: Option<Wanted>,
 }
@@ -53,29 +71,8 @@ impl Vibrator {
     /// A fade of so many periods adds next to nothing to the waveform's own acceleration.
     pub(crate) const FADE_PERIODS_MAX: u32 = 32;
 
-    pub(crate) fn new(period_s: f64, cutoff_hz: Option<f64>) -> Self {
-        Self { period_s, cutoff_hz, running: None, wanted: None }
-    }
-
-    /// Makes a vibration of a waveform with the shortest fade, from `fade_periods` on, that passes `check`.
-    pub(crate) fn prepare(
-        &self,
-        waveform: &Waveform,
-        fade_periods: u32,
-        check: impl Fn(Extent) -> Result<(), LimitViolation>,
-    ) -> Result<Vibration, Rejection> {
-        let mut vibration = Vibration::new(waveform.clone(), self.cutoff_hz)?;
-        let mut fade_periods = fade_periods;
-        loop {
-            vibration.set_fade_periods(fade_periods);
-            match check(vibration.extent()) {
-                Ok(()) => return Ok(vibration),
-                Err(violation) if fade_periods >= Self::FADE_PERIODS_MAX => {
-                    return Err(violation.into());
-                }
-                Err(_) => fade_periods = (2 * fade_periods).min(Self::FADE_PERIODS_MAX),
-            }
-        }
+    pub(crate) fn new(period_s: f64) -> Self {
+        Self { period_s, running: None, wanted: None }
     }
 
     pub(crate) fn set(&mut self, vibration: Vibration, enabled: bool, tick: u64) {

@@ -12,6 +12,7 @@ mod step;
 use std::time::Duration;
 
 pub use crate::action::GoalId;
+pub use crate::health::{Health, HealthLevel};
 pub use action::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, ClientEvent, GoalEnd, GoalRequest, ServerEvent,
 };

@@ -1,6 +1,6 @@
 //! What each kind of node is configured by. A node knows nothing of a run but this.
 
-use feeder_control::courier::{CourierConfig, CourierLimits};
+use feeder_control::courier::{CourierConfig, CourierLimits, WaveformEnvelope};
 use feeder_control::delivery::{DeliveryConfig, GentleParameters};
 use feeder_control::manipulator::ManipulatorConfig;
 use feeder_control::platen::Area;
@@ -110,14 +110,14 @@ pub struct WaveformGeneratorConfig {
     pub name: String,
     /// The vibration that feeds.
     pub waveform: Waveform,
-    /// What the driver is set up with: a waveform that it would refuse is not published.
-    pub courier: CourierConfig,
+    /// What the courier can run: a waveform that its driver would refuse is not published.
+    pub envelope: WaveformEnvelope,
 }
 
 impl WaveformGeneratorConfig {
     fn check_values(&self) -> Result<(), ScenarioError> {
-        self.courier.validate().map_err(|error| invalid("courier", &error))?;
-        self.courier.check_waveform(&self.waveform).map_err(|error| invalid("waveform", &error))
+        self.envelope.validate().map_err(|error| invalid("courier", &error))?;
+        self.envelope.check(&self.waveform).map_err(|error| invalid("waveform", &error))
     }
 }
 

@@ -1,5 +1,6 @@
 //! From a scenario to the plan of its run.
 
+use feeder_model::area::PLATEN_NAMESPACE;
 use feeder_model::part::PartType;
 
 use super::nodes::{
@@ -9,9 +10,6 @@ use super::nodes::{
 };
 use super::{PlannedNode, Provenance, RunPlan};
 use crate::{Scenario, ScenarioError, Source, Station, check_taught, invalid};
-
-/// Where what belongs to the platen rather than to a feeder lives.
-const PLATEN_NAMESPACE: &str = "/platen";
 
 impl Scenario {
     /// The plan of the run. `text` is the scenario as somebody wrote it, for the record.
@@ -67,7 +65,7 @@ impl Scenario {
             tick_ms: self.time.tick_ms,
             name: self.waveform.name().to_owned(),
             waveform: self.waveform()?,
-            courier: self.courier,
+            envelope: self.courier.waveform_envelope(),
         })
     }
 

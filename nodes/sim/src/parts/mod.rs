@@ -30,10 +30,12 @@ mod touch;
 mod track;
 mod walls;
 
+pub use feeder_model::tray::Place;
+
 pub use bulk::{Counters, Loaded, PartBulk, PutError};
 pub use motion_check::{
     LARGEST_ACCELERATION_M_S2, LARGEST_YAW_ACCELERATION_RAD_S2, LARGEST_YAW_RATE_RAD_S, LONGEST_SAMPLE_PERIOD_S,
 };
 pub use observer::{Departure, FeedObserver, FeedReport, Sighting};
-pub use part::{Part, PickedPart, Place};
+pub use part::{Part, PickedPart};
 pub use settings::{BulkSettings, check_fit};

@@ -2,32 +2,8 @@
 
 use std::f64::consts::TAU;
 
+use feeder_model::tray::Place;
 use nalgebra::Vector2;
-use serde::{Deserialize, Serialize};
-
-use feeder_model::tray::Surface;
-
-/// Where a part is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Place {
-    /// On the helical ramp.
-    Ramp,
-    /// On the level plateau.
-    Plateau,
-    /// Off the end of the plateau: falling, coming to rest, or waiting for room at the foot of the ramp. Its position is
-    /// where it left the plateau; it touches nothing and cannot be picked.
-    Falling,
-}
-
-impl From<Surface> for Place {
-    fn from(surface: Surface) -> Self {
-        match surface {
-            Surface::Ramp => Self::Ramp,
-            Surface::Plateau => Self::Plateau,
-        }
-    }
-}
 
 /// State of one part in the tray frame. Velocities are horizontal and relative to the tray.
 #[derive(Clone, Copy, Debug, PartialEq)]
