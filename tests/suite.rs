@@ -12,6 +12,7 @@ mod faults;
 mod graph;
 mod interop;
 mod parameters;
+mod part_file;
 mod partner;
 mod peers;
 mod picking;

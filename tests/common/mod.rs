@@ -108,6 +108,18 @@ impl Up {
         self
     }
 
+    /// Runs the scenario of this file.
+    pub(crate) fn scenario_file(mut self, file: &Path) -> Self {
+        self.command.arg("--scenario").arg(file);
+        self
+    }
+
+    /// Records it to this folder.
+    pub(crate) fn record(mut self, folder: &Path) -> Self {
+        self.command.arg("--record").arg(folder);
+        self
+    }
+
     /// Keeps a digest too.
     pub(crate) fn digest(mut self) -> Self {
         self.command.arg("--digest").arg(self.work.path().join("digest.txt"));

@@ -7,7 +7,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use feeder_control::courier::CourierLimits;
 use feeder_control::delivery::tour::{Open, Overheads, best_tour};
 use feeder_control::delivery::{
-    Candidate, CandidateFrame, DeliveryConfig, DeliveryId, DeliveryRequest, GentleParameters, MovePlanner,
+    CandidateFrame, DeliveryConfig, DeliveryId, DeliveryRequest, GentleParameters, MovePlanner, OfferedPart,
     Surroundings, ramp_parts,
 };
 use feeder_control::platen::{Arbiter, Area, Reservation};
@@ -38,7 +38,7 @@ fn moves(criterion: &mut Criterion) {
 
 fn trips(criterion: &mut Criterion) {
     let (config, planner) = (DeliveryConfig::default(), planner());
-    let candidates = (0..5_u32).map(|index| Candidate {
+    let candidates = (0..5_u32).map(|index| OfferedPart {
         id: index.into(),
         position_in_tray_m: Vector2::new(0.06 - 0.025 * f64::from(index), -0.05),
         yaw_in_tray_rad: 0.0,

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use feeder_control::delivery::{Candidate, CandidateFrame, Failure};
+use feeder_control::delivery::{CandidateFrame, Failure, OfferedPart};
 use feeder_model::delivery::Outcome;
 use feeder_runtime::node::ns_of_stamp;
 use feeder_wire::part_candidates::{SeenPart, UnknownRefusal};
@@ -27,7 +27,7 @@ pub(crate) fn outcome(failure: &Failure) -> Outcome {
 /// What a selector's message says of the parts wholly on the plateau.
 pub(crate) fn candidate_frame(message: &PartCandidates) -> Result<CandidateFrame, UnknownRefusal> {
     let seen = feeder_wire::part_candidates::from_message(message)?;
-    let candidate = |part: SeenPart| Candidate {
+    let candidate = |part: SeenPart| OfferedPart {
         id: part.id,
         position_in_tray_m: part.position_in_tray_m,
         yaw_in_tray_rad: part.yaw_in_tray_rad,

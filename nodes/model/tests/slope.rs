@@ -12,7 +12,7 @@ use feeder_model::mechanics::Friction;
 use feeder_model::mechanics::equations::{
     best_coulomb_pump_z, coulomb_pump_feed_m_s, sliding_stick_slip_feed_m_s, stick_slip_feed_m_s,
 };
-use feeder_model::mechanics::slope::{Drive, Steady, Track};
+use feeder_model::mechanics::slope::{Drive, LinearTrack, Steady};
 use feeder_model::waveform::{Axis, OptimalDesign, Segment, Waveform};
 use proptest::prelude::*;
 use reference::{assert_close, table};
@@ -24,7 +24,7 @@ fn friction(mu: f64) -> Friction {
 }
 
 fn drive(waveform: &Waveform, mu: f64, slope_deg: f64) -> Drive {
-    Track::new(friction(mu), slope_deg.to_radians(), G).unwrap().drive(waveform, 1.0).unwrap()
+    LinearTrack::new(friction(mu), slope_deg.to_radians(), G).unwrap().drive(waveform, 1.0).unwrap()
 }
 
 fn steady(waveform: &Waveform, mu: f64, slope_deg: f64) -> Option<Steady> {
@@ -244,7 +244,7 @@ fn val_conditioning_table() {
                     (Waveform::optimal(Axis::X, T30, &design).unwrap(), 4.046)
                 }
             };
-            let track = Track::new(friction(0.2 * mu), f64::to_radians(slope_deg * slope), G * gravity).unwrap();
+            let track = LinearTrack::new(friction(0.2 * mu), f64::to_radians(slope_deg * slope), G * gravity).unwrap();
             track.drive(&waveform, 1.0).unwrap().steady().unwrap().feed_m_s.ln()
         };
         let h = 1e-3;
@@ -283,10 +283,10 @@ fn verif_no_steady_motion_beyond_the_friction_angle() {
 #[test]
 fn a_tray_that_drops_away_is_refused_with_the_reason() {
     let waveform = stick_slip(0.05, 20.0, 30.0);
-    let error = Track::new(friction(0.2), 0.5, G).unwrap().drive(&waveform, 1.0).unwrap_err();
+    let error = LinearTrack::new(friction(0.2), 0.5, G).unwrap().drive(&waveform, 1.0).unwrap_err();
     assert!(error.to_string().contains("leaves the tray"), "{error}");
     for slope_rad in [FRAC_PI_2, f64::NAN, -2.0] {
-        assert!(Track::new(friction(0.2), slope_rad, G).unwrap_err().to_string().contains("slope_rad"));
+        assert!(LinearTrack::new(friction(0.2), slope_rad, G).unwrap_err().to_string().contains("slope_rad"));
     }
 }
 
@@ -320,7 +320,7 @@ fn transform(segments: impl IntoIterator<Item = Segment>, time: f64, acceleratio
 }
 
 fn steady_on(waveform: &Waveform, friction: Friction, slope_rad: f64, gravity: f64) -> Steady {
-    Track::new(friction, slope_rad, gravity).unwrap().drive(waveform, 1.0).unwrap().steady().unwrap()
+    LinearTrack::new(friction, slope_rad, gravity).unwrap().drive(waveform, 1.0).unwrap().steady().unwrap()
 }
 
 prop_compose! {
@@ -363,7 +363,7 @@ proptest! {
 
     #[test]
     fn verif_steady_motion_repeats_and_is_what_waiting_gives(waveform in any_waveform(), (friction, slope_rad) in any_track()) {
-        let drive = Track::new(friction, slope_rad, G).unwrap().drive(&waveform, 1.0).unwrap();
+        let drive = LinearTrack::new(friction, slope_rad, G).unwrap().drive(&waveform, 1.0).unwrap();
         let steady = drive.steady().unwrap();
         prop_assert!((drive.run(steady.start_m_s, |_| ()) - steady.start_m_s).abs() < 1e-13);
         // Waiting converges linearly; 3000 periods are enough unless friction is weak against the vibration.
@@ -385,7 +385,7 @@ proptest! {
 
     #[test]
     fn verif_friction_never_adds_energy(waveform in any_waveform(), (friction, slope_rad) in any_track(), start in -0.3..0.3_f64) {
-        let drive = Track::new(friction, slope_rad, G).unwrap().drive(&waveform, 1.0).unwrap();
+        let drive = LinearTrack::new(friction, slope_rad, G).unwrap().drive(&waveform, 1.0).unwrap();
         let (mut phases, mut at_s) = (Vec::new(), 0.0);
         drive.run(start, |phase| {
             phases.push((at_s, phase));

@@ -222,7 +222,7 @@ impl OverheadManipulator {
                     part_class: Some(self.config.part_class.clone()),
                     pose_class: Some(self.config.pose_class.clone()),
                     tolerance_m: config.tolerance_m,
-                    part_gap_m_min: Some(config.part_gap_m_min).filter(|gap_m| *gap_m > 0.0),
+                    part_gap_m_min: Some(self.config.part_gap_m_min).filter(|gap_m| *gap_m > 0.0),
                     timeout: Some(Duration::from_secs_f64(config.timeout_s)),
                 };
                 self.feeders[self.asked].deliver.send(io, id, deliver_part::to_goal(&wanted));
@@ -236,7 +236,7 @@ impl OverheadManipulator {
                         z_m: self.config.plateau_height_m + z_m,
                         yaw_rad: theta_rad,
                     },
-                    opening_m: config.gripper_opening_m,
+                    opening_m: self.config.gripper_opening_m,
                 };
                 self.gripping = Some(io.call(&self.feeders[self.asked].pick, &pick::to_request(&grip)));
             }

@@ -6,7 +6,8 @@ use nalgebra::{Point3, Vector2, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{Scenario, ScenarioError, Station, WaveformSpec, check_name, invalid};
+use crate::error::check_name;
+use crate::{Scenario, ScenarioError, Station, WaveformSpec, invalid};
 use feeder_control::delivery::DeliverySequencer;
 use feeder_control::platen::Area;
 use feeder_model::part::PartType;

@@ -5,7 +5,7 @@ use serde_json::Value;
 use crate::ScenarioError;
 
 /// Section and key of before, and where that is stated now.
-const MOVED: [(&str, &[&str], &str); 7] = [
+const MOVED: [(&str, &[&str], &str); 8] = [
     ("courier", &["plant"], "world.motor"),
     ("camera", &["light"], "world.light"),
     ("camera", &["sensor"], "world.sensor"),
@@ -15,6 +15,7 @@ const MOVED: [(&str, &[&str], &str); 7] = [
         &["gentle", "friction"],
         "the part's friction_static, or believed.part_friction where control is to err",
     ),
+    ("delivery", &["tether"], "courier.limits.tether_anchor_m and tether_length_m"),
     ("delivery", &["stations_m"], "stations"),
     ("selector", &["wanted_poses"], "the part's wanted_poses"),
 ];

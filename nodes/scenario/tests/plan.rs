@@ -117,6 +117,11 @@ fn a_key_that_has_moved_is_refused_with_its_new_place() {
         ("camera:\n", "camera:\n  tray: {}\n", "world.tray"),
         ("delivery:\n", "delivery:\n  gentle: { friction: 0.2 }\n", "believed.part_friction"),
         ("delivery:\n", "delivery:\n  stations_m: {}\n", "stations"),
+        (
+            "delivery:\n",
+            "delivery:\n  tether: { anchor_m: [0.0, 0.8], length_m: 1.4 }\n",
+            "courier.limits.tether_anchor_m",
+        ),
         ("delivery:\n", "selector: { wanted_poses: [1] }\ndelivery:\n", "the part's wanted_poses"),
         ("delivery:\n", "delivery:\n  nonsense: 1\n", "nonsense"),
     ] {
@@ -137,4 +142,59 @@ fn the_selector_seeks_the_poses_that_the_part_is_wanted_in() {
     );
     let (_, manipulator) = plan.of_kind::<OverheadManipulatorConfig>().next().unwrap();
     assert_eq!(manipulator.pose_class, "hole_up");
+}
+
+/// The built-in scenario, with `changed` in place of what is `written` there.
+fn changed(written: &str, changed: &str) -> Result<Scenario, feeder_scenario::ScenarioError> {
+    let built_in = std::fs::read_to_string(launch_configs().join("default.yaml")).unwrap();
+    assert!(built_in.contains(written), "{written}");
+    Scenario::read(&built_in.replacen(written, changed, 1), &mut |file| {
+        std::fs::read(launch_configs().join(file)).map_err(|error| error.to_string())
+    })
+}
+
+#[test]
+fn a_gripper_opens_for_the_part_and_needs_room_for_its_jaws() {
+    let manipulator = |gripper: &str| {
+        let scenario = changed("    y_m: 0.0\n", &format!("    y_m: 0.0\n{gripper}")).unwrap();
+        let plan = scenario.plan().unwrap();
+        let (_, manipulator) = plan.of_kind::<OverheadManipulatorConfig>().next().unwrap();
+        (scenario.part_type().unwrap().width_min_m(), manipulator.clone())
+    };
+    // Half a millimetre of play on either side, and jaws half a millimetre thick.
+    let (width_m, derived) = manipulator("");
+    assert!((derived.gripper_opening_m - width_m - 1e-3).abs() < 1e-12, "{derived:?}");
+    assert!((derived.part_gap_m_min - 1e-3).abs() < 1e-12, "{derived:?}");
+    let (width_m, stated) = manipulator("    gripper: { opening_m: 0.014, jaw_thickness_m: 0.002 }\n");
+    assert!((stated.gripper_opening_m - 0.014).abs() < 1e-12);
+    assert!((stated.part_gap_m_min - (0.5 * (0.014 - width_m) + 0.002)).abs() < 1e-12, "{stated:?}");
+
+    let narrow =
+        changed("    y_m: 0.0\n", "    y_m: 0.0\n    gripper: { opening_m: 0.001 }\n").unwrap_err().to_string();
+    assert!(narrow.contains("stations: station_1.gripper.opening_m = 0.001 is outside its range: 0.00"), "{narrow}");
+}
+
+#[test]
+fn the_parts_are_a_load_that_driver_and_planner_know() {
+    let grommet_kg = Scenario::default().part_type().unwrap().mass_kg;
+    for (loaded, more, parts) in [("20", "", 20.0), ("1", "refill_below: 30\n", 30.0), ("0", "", 0.0)] {
+        let scenario = changed("parts_loaded: 20\n", &format!("parts_loaded: {loaded}\n{more}")).unwrap();
+        let plan = scenario.plan().unwrap();
+        let (_, driver) = plan.of_kind::<CourierDriverConfig>().next().unwrap();
+        let (_, planner) = plan.of_kind::<DeliveryPlannerConfig>().next().unwrap();
+        assert_eq!(driver.courier.load, planner.load);
+        assert!((planner.load.mass_kg - parts * grommet_kg).abs() < 1e-12, "{planner:?}");
+        // Spread evenly between radii of 30 and 90 mm.
+        let gyration_m2 = 0.5 * (0.03_f64.powi(2) + 0.09_f64.powi(2));
+        assert!((planner.load.inertia_kg_m2 - parts * grommet_kg * gyration_m2).abs() < 1e-12, "{planner:?}");
+    }
+}
+
+#[test]
+fn the_planner_keeps_to_the_tether_that_the_driver_watches() {
+    let scenario = changed("courier:\n", "courier:\n  limits: { tether_anchor_m: [0.1, 0.7], tether_length_m: 1.1 }\n");
+    let plan = scenario.unwrap().plan().unwrap();
+    let (_, planner) = plan.of_kind::<DeliveryPlannerConfig>().next().unwrap();
+    let tether = planner.delivery().tether.unwrap();
+    assert_eq!((tether.anchor_m.x, tether.anchor_m.y, tether.length_m), (0.1, 0.7, 1.1));
 }

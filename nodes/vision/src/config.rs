@@ -18,7 +18,7 @@ pub struct SelectorConfig {
     #[schemars(range(min = 0.0, max = 1.0))]
     pub confidence_min: f64,
     /// Free gap the gripper needs round a part to the next thing on the plateau, m.
-    #[schemars(range(min = -0.1, max = 0.1))]
+    #[schemars(range(min = 0.0, max = 0.1))]
     pub part_clearance_m: f64,
     /// Free gap the gripper needs between a part and the walls, m; below 0 parts at the wall are welcome.
     #[schemars(range(min = -0.1, max = 0.1))]

@@ -6,29 +6,37 @@ use serde::{Deserialize, Serialize};
 
 use super::Candidate;
 use super::detector::yaw_difference_rad;
-use feeder_model::range::OutOfRange;
+use feeder_model::range::{OutOfRange, check_ranges};
 
 /// How parts are followed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrackerConfig {
     /// A part this far from where it was expected is another part, m.
+    #[schemars(range(max = 100.0), extend("exclusiveMinimum" = 0.0))]
     pub gate_m: f64,
     /// Frames in a row a part may be missed before it is forgotten.
     pub missed_max: u32,
     /// What a frame's evidence for a pose still counts one frame later, 0 to below 1.
+    #[schemars(range(min = 0.0, max = 0.999))]
     pub memory: f64,
     /// Standard deviation of a measured place, m.
+    #[schemars(range(max = 100.0), extend("exclusiveMinimum" = 0.0))]
     pub measurement_sigma_m: f64,
     /// Standard deviation of the acceleration that parts undergo averaged over frames, m/s².
+    #[schemars(range(max = 100.0), extend("exclusiveMinimum" = 0.0))]
     pub acceleration_sigma_m_s2: f64,
     /// Standard deviation of the velocity of a part just seen first, m/s.
+    #[schemars(range(max = 100.0), extend("exclusiveMinimum" = 0.0))]
     pub velocity_sigma_m_s: f64,
     /// Standard deviation of a measured yaw, rad.
+    #[schemars(range(max = 100.0), extend("exclusiveMinimum" = 0.0))]
     pub yaw_sigma_rad: f64,
     /// Standard deviation of the angular acceleration that parts undergo averaged over frames, rad/s².
+    #[schemars(range(max = 100.0), extend("exclusiveMinimum" = 0.0))]
     pub yaw_acceleration_sigma_rad_s2: f64,
     /// Standard deviation of the yaw rate of a part just seen first, rad/s.
+    #[schemars(range(max = 100.0), extend("exclusiveMinimum" = 0.0))]
     pub yaw_rate_sigma_rad_s: f64,
 }
 
@@ -50,19 +58,7 @@ impl Default for TrackerConfig {
 
 impl TrackerConfig {
     pub(super) fn validate(&self) -> Result<(), OutOfRange> {
-        OutOfRange::unless((0.0..1.0).contains(&self.memory), "selector.tracker.memory", self.memory, "0 to below 1")?;
-        for (field, value) in [
-            ("selector.tracker.gate_m", self.gate_m),
-            ("selector.tracker.measurement_sigma_m", self.measurement_sigma_m),
-            ("selector.tracker.acceleration_sigma_m_s2", self.acceleration_sigma_m_s2),
-            ("selector.tracker.velocity_sigma_m_s", self.velocity_sigma_m_s),
-            ("selector.tracker.yaw_sigma_rad", self.yaw_sigma_rad),
-            ("selector.tracker.yaw_acceleration_sigma_rad_s2", self.yaw_acceleration_sigma_rad_s2),
-            ("selector.tracker.yaw_rate_sigma_rad_s", self.yaw_rate_sigma_rad_s),
-        ] {
-            OutOfRange::unless(value > 0.0 && value <= 100.0, field, value, "above 0 up to 100")?;
-        }
-        Ok(())
+        check_ranges("selector.tracker.", self)
     }
 }
 

@@ -1,12 +1,17 @@
 //! What the courier may be commanded to do.
 
+use std::f64::consts::PI;
+
 use nalgebra::{Vector2, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use feeder_model::motor::Load;
-use feeder_model::range::{OutOfRange, check_range};
+use feeder_model::range::{OutOfRange, check_range, check_ranges};
+
+/// Yaw to which the motor holds its force, rad (2 degrees, published).
+const YAW_RAD_MAX: f64 = 2.0 * PI / 180.0;
 
 /// The courier's envelope, and the mass by which a commanded acceleration becomes a force.
 ///
@@ -15,35 +20,50 @@ use feeder_model::range::{OutOfRange, check_range};
 #[serde(deny_unknown_fields, default)]
 pub struct CourierLimits {
     /// Lower bound of the courier's centre on the platen along x, m.
+    #[schemars(range(min = -10.0, max = 10.0))]
     pub x_m_min: f64,
     /// Upper bound along x, m.
+    #[schemars(range(min = -10.0, max = 10.0))]
     pub x_m_max: f64,
     /// Lower bound along y, m.
+    #[schemars(range(min = -10.0, max = 10.0))]
     pub y_m_min: f64,
     /// Upper bound along y, m.
+    #[schemars(range(min = -10.0, max = 10.0))]
     pub y_m_max: f64,
     /// Where the tether is fixed, x and y on the platen, m (assumed).
+    #[schemars(inner(range(min = -10.0, max = 10.0)))]
     pub tether_anchor_m: [f64; 2],
     /// Length of the tether, m (assumed): the courier's centre stays this close to the anchor.
+    #[schemars(range(min = 0.01, max = 20.0))]
     pub tether_length_m: f64,
     /// Largest yaw to either side, rad.
+    #[schemars(range(min = 0.0, max = YAW_RAD_MAX))]
     pub yaw_rad_max: f64,
     /// Largest speed of translation, m/s.
+    #[schemars(range(min = 0.001, max = 10.0))]
     pub speed_m_s_max: f64,
     /// Largest acceleration of translation, m/s².
+    #[schemars(range(min = 0.001, max = 100.0))]
     pub acceleration_m_s2_max: f64,
     /// Largest jerk of translation in trajectories, m/s³. Waveforms are steps of acceleration and exempt.
+    #[schemars(range(min = 1.0, max = 1e6))]
     pub jerk_m_s3_max: f64,
     /// Peak force along x and along y, N (assumed). Force and torque come from the same forcers: where both are wanted,
     /// their shares of the peaks add up to 1 at most.
+    #[schemars(range(min = 0.001, max = 1e3))]
     pub force_n_max: f64,
     /// Peak torque about z, N m (assumed).
+    #[schemars(range(min = 1e-4, max = 1e3))]
     pub torque_n_m_max: f64,
     /// Share of force and torque kept for feedback: commands may ask for the rest.
+    #[schemars(range(min = 0.0, max = 0.9))]
     pub feedback_reserve: f64,
     /// Mass of courier and empty tray, kg (assumed).
+    #[schemars(range(min = 1e-2, max = 100.0))]
     pub mass_kg: f64,
     /// Moment of inertia of courier and empty tray about the tray's centre, kg m² (assumed).
+    #[schemars(range(min = 1e-6, max = 10.0))]
     pub inertia_kg_m2: f64,
 }
 
@@ -57,7 +77,7 @@ impl Default for CourierLimits {
             tether_anchor_m: [0.0, 0.8],
             // Just the far corners of the platen.
             tether_length_m: 1.4,
-            yaw_rad_max: 2.0_f64.to_radians(),
+            yaw_rad_max: YAW_RAD_MAX,
             speed_m_s_max: 1.5,
             acceleration_m_s2_max: 20.0,
             jerk_m_s3_max: 10_000.0,
@@ -109,23 +129,9 @@ impl CourierLimits {
     /// # Errors
     /// The first parameter that is not finite or out of range.
     pub fn validate(&self) -> Result<(), OutOfRange> {
-        check_range("limits.x_m_min", self.x_m_min, -10.0, 10.0)?;
+        check_ranges("limits.", self)?;
         check_range("limits.x_m_max", self.x_m_max, self.x_m_min, 10.0)?;
-        check_range("limits.y_m_min", self.y_m_min, -10.0, 10.0)?;
-        check_range("limits.y_m_max", self.y_m_max, self.y_m_min, 10.0)?;
-        for anchor_m in self.tether_anchor_m {
-            check_range("limits.tether_anchor_m", anchor_m, -10.0, 10.0)?;
-        }
-        check_range("limits.tether_length_m", self.tether_length_m, 0.01, 20.0)?;
-        check_range("limits.yaw_rad_max", self.yaw_rad_max, 0.0, 2.0_f64.to_radians())?;
-        check_range("limits.speed_m_s_max", self.speed_m_s_max, 1e-3, 10.0)?;
-        check_range("limits.acceleration_m_s2_max", self.acceleration_m_s2_max, 1e-3, 100.0)?;
-        check_range("limits.jerk_m_s3_max", self.jerk_m_s3_max, 1.0, 1e6)?;
-        check_range("limits.force_n_max", self.force_n_max, 1e-3, 1e3)?;
-        check_range("limits.torque_n_m_max", self.torque_n_m_max, 1e-4, 1e3)?;
-        check_range("limits.feedback_reserve", self.feedback_reserve, 0.0, 0.9)?;
-        check_range("limits.mass_kg", self.mass_kg, 1e-2, 100.0)?;
-        check_range("limits.inertia_kg_m2", self.inertia_kg_m2, 1e-6, 10.0)
+        check_range("limits.y_m_max", self.y_m_max, self.y_m_min, 10.0)
     }
 
     /// Mass, mass and inertia moved along each axis under `load`.

@@ -5,14 +5,14 @@ use std::f64::consts::TAU;
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 use super::config::{DeliveryConfig, Policy};
-use super::hold::ramp_parts;
-use super::plan::MovePlanner;
-use super::protocol::{DeliveryRequest, Stamp};
+use super::holding::ramp_parts;
+use super::planner::MovePlanner;
+use super::request::{DeliveryRequest, Stamp};
 use feeder_model::part::Refusals;
 
 /// A part that vision sees wholly on the plateau, in the tray frame.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Candidate {
+pub struct OfferedPart {
     /// The same from frame to frame while vision follows the part.
     pub id: u64,
     /// Where it lies, m.
@@ -37,14 +37,14 @@ pub struct CandidateFrame {
     /// When the image was taken.
     pub stamp: Stamp,
     /// The parts in it, and things that may be parts, that lie wholly on the plateau.
-    pub candidates: Vec<Candidate>,
+    pub candidates: Vec<OfferedPart>,
 }
 
 /// A part chosen for a station.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Choice {
     /// The part.
-    pub candidate: Candidate,
+    pub candidate: OfferedPart,
     /// When the image was taken in which it was chosen.
     pub look: Stamp,
     /// Where the courier must stand for the part to lie under the tool axis.
@@ -62,7 +62,7 @@ pub fn courier_under(station_m: &Vector2<f64>, point_in_tray_m: &Vector2<f64>, y
 /// that may be picked, of the class and pose and as free as asked for, and within reach of the station.
 #[must_use]
 pub fn fitting(
-    candidate: &Candidate,
+    candidate: &OfferedPart,
     look: Stamp,
     request: &DeliveryRequest,
     station_m: &Vector2<f64>,
@@ -80,7 +80,7 @@ pub fn fitting(
 
 /// Angle ψ of a candidate's centre in the tray, rad, in 0..2π: the larger, the sooner the feed loses it.
 #[must_use]
-pub fn angle_rad(candidate: &Candidate) -> f64 {
+pub fn angle_rad(candidate: &OfferedPart) -> f64 {
     let position = candidate.position_in_tray_m;
     position.y.atan2(position.x).rem_euclid(TAU)
 }
@@ -90,7 +90,7 @@ pub fn angle_rad(candidate: &Candidate) -> f64 {
 pub fn protected_parts(
     config: &DeliveryConfig,
     planner: &MovePlanner,
-    selected: &[&Candidate],
+    selected: &[&OfferedPart],
     frame: Option<&CandidateFrame>,
 ) -> Vec<Vector2<f64>> {
     let selected = selected.iter().map(|candidate| candidate.position_in_tray_m);
@@ -111,7 +111,7 @@ mod tests {
     use super::super::tour::testing::{candidate, setup};
     use super::*;
 
-    fn chosen(candidate: &Candidate, station_m: Vector2<f64>) -> Option<Choice> {
+    fn chosen(candidate: &OfferedPart, station_m: Vector2<f64>) -> Option<Choice> {
         let (config, planner, request) = setup();
         fitting(candidate, Stamp::from_secs(1), &request, &station_m, &config, &planner)
     }
@@ -122,11 +122,11 @@ mod tests {
         let station_m = Vector2::new(0.3, 0.0);
         assert!(chosen(&good, station_m).is_some());
         let bad = [
-            Candidate { part_class: "screw".into(), ..good.clone() },
-            Candidate { pose_class: Some("face_down".into()), ..good.clone() },
-            Candidate { pose_class: None, ..good.clone() },
-            Candidate { refusals: Refusals { part_too_near: true, ..Refusals::default() }, ..good.clone() },
-            Candidate { refusals: Refusals { pose_unsure: true, ..Refusals::default() }, ..good.clone() },
+            OfferedPart { part_class: "screw".into(), ..good.clone() },
+            OfferedPart { pose_class: Some("face_down".into()), ..good.clone() },
+            OfferedPart { pose_class: None, ..good.clone() },
+            OfferedPart { refusals: Refusals { part_too_near: true, ..Refusals::default() }, ..good.clone() },
+            OfferedPart { refusals: Refusals { pose_unsure: true, ..Refusals::default() }, ..good.clone() },
             candidate(1, f64::NAN, 0.0),
         ];
         for bad in bad {
@@ -137,7 +137,7 @@ mod tests {
     #[test]
     fn how_free_a_part_is_matters_only_to_who_asks_for_it() {
         let (config, planner, mut request) = setup();
-        let close = Candidate { part_gap_m: -0.001, ..candidate(1, 0.0, -0.07) };
+        let close = OfferedPart { part_gap_m: -0.001, ..candidate(1, 0.0, -0.07) };
         let station_m = Vector2::new(0.3, 0.0);
         let mut is_chosen = |part_gap_m_min| {
             request.part_gap_m_min = part_gap_m_min;

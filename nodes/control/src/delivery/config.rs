@@ -7,11 +7,10 @@ use nalgebra::{Vector2, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::plan::GentleParameters;
+use super::gentle::GentleParameters;
 use super::surroundings::{Surroundings, Tether};
 use crate::platen::Area;
-use feeder_model::range::OutOfRange;
-use feeder_model::range::check_range;
+use feeder_model::range::{OutOfRange, check_range, check_ranges};
 
 /// Which parts a move must not disturb.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -47,43 +46,58 @@ pub struct DeliveryConfig {
     pub footprint_radius_m: f64,
     /// How far the courier may cut the corners of its route, m.
     pub corner_m: f64,
-    /// The courier's cable, if that is short enough to matter.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// The courier's cable; the scenario states it among the courier's limits.
+    #[serde(skip)]
     pub tether: Option<Tether>,
     /// Most stations served on one trip.
+    #[schemars(range(min = 1, max = 4))]
     pub stops_max: u32,
     /// How gently parts are carried.
     pub gentle: GentleParameters,
     /// Which parts a move must not disturb.
     pub policy: Policy,
     /// Radius in the tray from which on parts on the ramp are protected by [`Policy::All`], m.
+    #[schemars(range(min = 1e-3, max = 1.0))]
     pub protected_ramp_radius_m: f64,
     /// Smallest tolerance of position a request may ask for, m: what vision and courier can promise.
+    #[schemars(range(min = 1e-6, max = 0.1))]
     pub tolerance_m_min: f64,
     /// Time for parts to come to rest after the courier has, s.
+    #[schemars(range(min = 0.0, max = 10.0))]
     pub settle_s: f64,
     /// Images of the parts at rest that are looked at before feeding goes on.
+    #[schemars(range(min = 1, max = 100))]
     pub looks: u32,
     /// Shortest feeding between two looks, s.
+    #[schemars(range(min = 0.0, max = 60.0))]
     pub feed_s_min: f64,
     /// Feeding without a fitting part after which a warning is given, s.
+    #[schemars(range(min = 0.1, max = 3600.0))]
     pub starvation_s: f64,
     /// Longest wait for the courier to come to rest after feeding was switched off, s.
+    #[schemars(range(min = 0.1, max = 60.0))]
     pub stop_timeout_s: f64,
     /// Longest wait for an image, s.
+    #[schemars(range(min = 0.1, max = 60.0))]
     pub look_timeout_s: f64,
     /// Longest time a move may take beyond its duration, s.
+    #[schemars(range(min = 0.1, max = 60.0))]
     pub move_grace_s: f64,
     /// Time between the order to stop and rest during which parts move on as while feeding, s: what the first prediction
     /// takes; later ones take what was seen.
+    #[schemars(range(min = 0.0, max = 5.0))]
     pub stop_drift_s: f64,
     /// Longest wait for an area of the platen, s.
+    #[schemars(range(min = 0.0, max = 3600.0))]
     pub area_wait_s: f64,
     /// Longest wait for each of the manipulator's reports, s.
+    #[schemars(range(min = 0.1, max = 3600.0))]
     pub hand_over_timeout_s: f64,
     /// Wait before a failed return is tried again, s.
+    #[schemars(range(min = 0.01, max = 60.0))]
     pub retry_s: f64,
     /// Failed returns after which the planner gives up and waits for a reset.
+    #[schemars(range(min = 0, max = 100))]
     pub retries_max: u32,
 }
 
@@ -132,22 +146,8 @@ impl DeliveryConfig {
         for coordinate_m in self.stations_m.values().flatten() {
             check_range("stations_m", *coordinate_m, -10.0, 10.0)?;
         }
-        check_range("protected_ramp_radius_m", self.protected_ramp_radius_m, 1e-3, 1.0)?;
-        check_range("tolerance_m_min", self.tolerance_m_min, 1e-6, 0.1)?;
-        check_range("settle_s", self.settle_s, 0.0, 10.0)?;
-        check_range("looks", f64::from(self.looks), 1.0, 100.0)?;
-        check_range("feed_s_min", self.feed_s_min, 0.0, 60.0)?;
-        check_range("starvation_s", self.starvation_s, 0.1, 3600.0)?;
-        check_range("stop_timeout_s", self.stop_timeout_s, 0.1, 60.0)?;
-        check_range("look_timeout_s", self.look_timeout_s, 0.1, 60.0)?;
-        check_range("move_grace_s", self.move_grace_s, 0.1, 60.0)?;
         self.surroundings().validate()?;
-        check_range("stops_max", f64::from(self.stops_max), 1.0, 4.0)?;
-        check_range("stop_drift_s", self.stop_drift_s, 0.0, 5.0)?;
-        check_range("area_wait_s", self.area_wait_s, 0.0, 3600.0)?;
-        check_range("hand_over_timeout_s", self.hand_over_timeout_s, 0.1, 3600.0)?;
-        check_range("retry_s", self.retry_s, 0.01, 60.0)?;
-        check_range("retries_max", f64::from(self.retries_max), 0.0, 100.0)
+        check_ranges("", self)
     }
 
     /// What is around the courier.

@@ -5,13 +5,13 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::Rotation2;
 
-use super::choice::{Candidate, CandidateFrame, angle_rad};
-use super::protocol::Stamp;
+use super::choice::{CandidateFrame, OfferedPart, angle_rad};
+use super::request::Stamp;
 use feeder_model::part::Refusals;
 
 /// A part as it was last seen while feeding.
 #[derive(Clone, Copy, Debug)]
-struct Track {
+struct SeenPath {
     stamp: Stamp,
     angle_rad: f64,
     /// Mean angular velocity about the tray's centre, rad/s, once it was seen twice.
@@ -21,7 +21,7 @@ struct Track {
 /// Follows how parts move while feeding, and how far they go on after the order to stop.
 #[derive(Clone, Debug)]
 pub(super) struct Drift {
-    tracks: BTreeMap<u64, Track>,
+    tracks: BTreeMap<u64, SeenPath>,
     /// Time between the order to stop and rest during which parts move on as while feeding, s: the mean of what was seen.
     stop_drift_s: f64,
     /// The order to stop, until the parts have been seen at rest.
@@ -52,7 +52,7 @@ impl Drift {
     }
 
     /// Takes a frame seen while feeding; `fits` says which parts are wanted.
-    pub(super) fn feed(&mut self, frame: &CandidateFrame, fits: impl Fn(&Candidate) -> bool) {
+    pub(super) fn feed(&mut self, frame: &CandidateFrame, fits: impl Fn(&OfferedPart) -> bool) {
         let since = self.tracks.values().map(|track| track.stamp).max();
         let elapsed_s = since.map_or(0.0, |since| frame.stamp.saturating_sub(since).as_secs_f64());
         let fading = (-elapsed_s / MEMORY_S).exp();
@@ -71,7 +71,7 @@ impl Drift {
             if known.is_none() && since.is_some() && fits(candidate) {
                 self.arrived += 1.0;
             }
-            tracks.insert(candidate.id, Track { stamp: frame.stamp, angle_rad, rate_rad_s });
+            tracks.insert(candidate.id, SeenPath { stamp: frame.stamp, angle_rad, rate_rad_s });
         }
         self.tracks = tracks;
     }
@@ -107,13 +107,13 @@ impl Drift {
             let refusals =
                 Refusals { off_plateau: candidate.refusals.off_plateau || turn_rad >= left_rad, ..candidate.refusals };
             let position_in_tray_m = Rotation2::new(turn_rad) * candidate.position_in_tray_m;
-            Candidate { position_in_tray_m, refusals, ..candidate.clone() }
+            OfferedPart { position_in_tray_m, refusals, ..candidate.clone() }
         });
         CandidateFrame { stamp: frame.stamp, candidates: candidates.collect() }
     }
 
     /// How long a part will stay on the plateau if feeding goes on, s.
-    pub(super) fn stays_s(&self, candidate: &Candidate) -> f64 {
+    pub(super) fn stays_s(&self, candidate: &OfferedPart) -> f64 {
         let rate_rad_s = self.rate_rad_s(candidate);
         if rate_rad_s > 0.0 { self.way_to_drop_off_rad(candidate) / rate_rad_s } else { f64::INFINITY }
     }
@@ -124,14 +124,14 @@ impl Drift {
     }
 
     /// How far a part can turn with its whole outline on the plateau, rad.
-    fn way_to_drop_off_rad(&self, candidate: &Candidate) -> f64 {
+    fn way_to_drop_off_rad(&self, candidate: &OfferedPart) -> f64 {
         let radius_m = candidate.position_in_tray_m.norm();
         let half_rad = if radius_m > candidate.radius_m { (candidate.radius_m / radius_m).asin() } else { PI };
         TAU - half_rad - angle_rad(candidate)
     }
 
     /// The part's own angular velocity, or the mean of the others as long as it was seen once only.
-    fn rate_rad_s(&self, candidate: &Candidate) -> f64 {
+    fn rate_rad_s(&self, candidate: &OfferedPart) -> f64 {
         let own = self.tracks.get(&candidate.id).and_then(|track| track.rate_rad_s);
         own.unwrap_or_else(|| {
             let rates: Vec<f64> = self.tracks.values().filter_map(|track| track.rate_rad_s).collect();
@@ -152,7 +152,7 @@ mod tests {
 
     /// Parts at a radius of 70 mm that turn at a rate.
     fn frame(at_ms: u64, angles_rad: &[(u64, f64)]) -> CandidateFrame {
-        let candidates: Vec<Candidate> =
+        let candidates: Vec<OfferedPart> =
             angles_rad.iter().map(|&(id, angle)| candidate(id, 0.07 * angle.cos(), 0.07 * angle.sin())).collect();
         CandidateFrame { stamp: Stamp::from_millis(at_ms), candidates }
     }

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use super::protocol::{LeaseAnswer, Output, ReserveId, Stamp};
+use super::protocol::Output;
+use super::request::{LeaseAnswer, ReserveId, Stamp};
 use crate::platen::{Arbiter, Area};
 
 /// A lease, as far as the planner knows.
@@ -11,7 +12,7 @@ enum Lease {
     #[default]
     None,
     Asked(ReserveId),
-    Held {
+    LegLimits {
         name: String,
         expires: Stamp,
     },
@@ -66,7 +67,7 @@ impl Leases {
                 false
             }
             Lease::Asked(_) => false,
-            Lease::Held { name, expires } => {
+            Lease::LegLimits { name, expires } => {
                 if *expires < now + Self::PARKING / 2 {
                     let (lease, expires) = (name.clone(), *expires);
                     let id = self.next();
@@ -96,14 +97,14 @@ impl Leases {
             (None, Lease::Asked(_)) => Trip::Open,
             (None, Lease::Renewing { .. }) => Trip::Open,
             (None, Lease::None) if self.arbitrated => Trip::Refused("it was never reserved".into()),
-            (None, Lease::None | Lease::Held { .. }) => Trip::Granted,
+            (None, Lease::None | Lease::LegLimits { .. }) => Trip::Granted,
         }
     }
 
     /// Whether the trip's lease lasts until `until`; asks for longer when not.
     pub(super) fn lasts(&mut self, now: Stamp, until: Stamp, outputs: &mut Vec<Output>) -> bool {
         match &self.trip {
-            Lease::Held { name, expires } if *expires < until => {
+            Lease::LegLimits { name, expires } if *expires < until => {
                 let (name, expires) = (name.clone(), *expires);
                 let id = self.next();
                 let duration = until.saturating_sub(now);
@@ -111,7 +112,7 @@ impl Leases {
                 self.trip = Lease::Renewing { name, expires, id };
                 false
             }
-            Lease::Held { .. } => true,
+            Lease::LegLimits { .. } => true,
             Lease::None => !self.arbitrated,
             Lease::Asked(_) | Lease::Renewing { .. } => false,
         }
@@ -130,7 +131,7 @@ impl Leases {
     /// Gives the trip's area back, or takes it that it is not wanted any more.
     pub(super) fn end_trip(&mut self, outputs: &mut Vec<Output>) {
         self.refused = None;
-        if let Lease::Held { name, .. } | Lease::Renewing { name, .. } = std::mem::take(&mut self.trip) {
+        if let Lease::LegLimits { name, .. } | Lease::Renewing { name, .. } = std::mem::take(&mut self.trip) {
             outputs.push(Output::Release(name));
         }
     }
@@ -139,12 +140,12 @@ impl Leases {
     pub(super) fn answered(&mut self, id: ReserveId, answer: LeaseAnswer, outputs: &mut Vec<Output>) -> Option<String> {
         let asked = |lease: &Lease| match lease {
             Lease::Asked(asked) | Lease::Renewing { id: asked, .. } => *asked == id,
-            Lease::None | Lease::Held { .. } => false,
+            Lease::None | Lease::LegLimits { .. } => false,
         };
         if asked(&self.parking) {
             return match answer {
                 Ok((name, expires)) => {
-                    self.parking = Lease::Held { name, expires };
+                    self.parking = Lease::LegLimits { name, expires };
                     None
                 }
                 Err(reason) => {
@@ -155,7 +156,7 @@ impl Leases {
         }
         if asked(&self.trip) {
             match answer {
-                Ok((name, expires)) => self.trip = Lease::Held { name, expires },
+                Ok((name, expires)) => self.trip = Lease::LegLimits { name, expires },
                 Err(reason) => {
                     self.trip = Lease::None;
                     self.refused = Some(reason);

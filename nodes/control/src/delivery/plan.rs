@@ -1,105 +1,14 @@
 //! Planning a move in which no protected part slides.
 
 use nalgebra::{Vector2, Vector3};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
-use super::held::Held;
+use super::leg_limits::LegLimits;
 use super::legs::{Leg, Motion};
+use super::plan_error::PlanError;
+use super::planner::MovePlanner;
 use super::profile::{LineLimits, Profile};
-use super::surroundings::Surroundings;
-use crate::courier::{CourierLimits, Trajectory, TrajectoryPoint};
-use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
-use feeder_model::motor::Load;
-use feeder_model::range::OutOfRange;
+use crate::courier::{Trajectory, TrajectoryPoint};
 use feeder_model::range::check_range;
-use feeder_model::tray::TrayGeometry;
-
-/// How gently parts are carried.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct GentleParameters {
-    /// Coefficient of static friction between part and tray: the part's own, not a setting.
-    #[serde(skip)]
-    pub friction: f64,
-    /// Share of the acceleration that friction holds which is used; the rest is for tracking errors. Shares above 1
-    /// make parts slide, which tests want to see.
-    pub friction_share: f64,
-    /// Largest jerk, m/s³.
-    pub jerk_m_s3_max: f64,
-    /// Acceleration of gravity, m/s².
-    pub gravity_m_s2: f64,
-}
-
-impl Default for GentleParameters {
-    fn default() -> Self {
-        Self { friction: 0.2, friction_share: 0.955, jerk_m_s3_max: 100.0, gravity_m_s2: STANDARD_GRAVITY_M_S2 }
-    }
-}
-
-impl GentleParameters {
-    /// Checks every value.
-    ///
-    /// # Errors
-    /// The first parameter that is not finite or out of range.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
-        check_range("friction", self.friction, 0.01, 5.0)?;
-        check_range("friction_share", self.friction_share, 0.05, 2.0)?;
-        check_range("jerk_m_s3_max", self.jerk_m_s3_max, 1.0, 1e4)?;
-        check_range("gravity_m_s2", self.gravity_m_s2, 0.1, 100.0)
-    }
-}
-
-/// Why there is no such move.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum PlanError {
-    /// A coordinate is not finite, or out of the courier's reach.
-    #[error(transparent)]
-    OutOfRange(#[from] OutOfRange),
-    /// The move is too short to be one.
-    #[error("the courier is there already: the distance is {distance_m:e} m")]
-    NoDistance {
-        /// The distance, m.
-        distance_m: f64,
-    },
-    /// The tether is too short.
-    #[error("the tether would have to be {needed_m:.4} m long, but is {length_m} m")]
-    Tether {
-        /// Distance from where it is fixed, m.
-        needed_m: f64,
-        /// Its length, m.
-        length_m: f64,
-    },
-    /// The courier would stand in a keep-out area.
-    #[error("at ({x_m:.4}, {y_m:.4}) m the courier would reach into keep-out area {index}")]
-    KeepOut {
-        /// Number of the area, from 0.
-        index: usize,
-        /// Where the courier's centre would be, m.
-        x_m: f64,
-        /// Where the courier's centre would be, m.
-        y_m: f64,
-    },
-    /// Keep-out areas and bounds leave no way.
-    #[error("no way leads from {from_m:?} m to {to_m:?} m round the keep-out areas")]
-    NoRoute {
-        /// Start.
-        from_m: [f64; 2],
-        /// End.
-        to_m: [f64; 2],
-    },
-    /// A part that slides even on a courier at rest.
-    #[error("friction {friction} does not hold the part at ({x_m:.4}, {y_m:.4}) m in the tray even at rest")]
-    CannotHold {
-        /// The coefficient of friction.
-        friction: f64,
-        /// Where the part lies in the tray, m.
-        x_m: f64,
-        /// Where the part lies in the tray, m.
-        y_m: f64,
-    },
-}
 
 /// A move from rest to rest.
 #[derive(Clone, Debug, PartialEq)]
@@ -131,82 +40,9 @@ impl MovePlan {
     }
 }
 
-/// Plans moves for one feeder: one tray, one courier, one kind of contact.
-#[derive(Clone, Debug)]
-pub struct MovePlanner {
-    pub(super) gentle: GentleParameters,
-    pub(super) tray: TrayGeometry,
-    pub(super) limits: CourierLimits,
-    pub(super) load: Load,
-    around: Surroundings,
-}
-
 impl MovePlanner {
     /// Shortest move worth the name, m along the path of the tray's rim.
     const DISTANCE_M_MIN: f64 = 1e-6;
-
-    /// A planner for a tray on a courier with nothing around.
-    ///
-    /// # Errors
-    /// A parameter out of its range.
-    pub fn new(
-        gentle: GentleParameters,
-        tray: TrayGeometry,
-        limits: CourierLimits,
-        load: Load,
-    ) -> Result<Self, OutOfRange> {
-        gentle.validate()?;
-        limits.validate()?;
-        load.validate()?;
-        Ok(Self { gentle, tray, limits, load, around: Surroundings::default() })
-    }
-
-    /// The same planner among obstacles.
-    ///
-    /// # Errors
-    /// A parameter out of its range.
-    pub fn among(self, around: Surroundings) -> Result<Self, OutOfRange> {
-        around.validate()?;
-        Ok(Self { around, ..self })
-    }
-
-    /// The tray that is moved.
-    #[must_use]
-    pub fn tray(&self) -> &TrayGeometry {
-        &self.tray
-    }
-
-    /// What is around the courier.
-    #[must_use]
-    pub fn around(&self) -> &Surroundings {
-        &self.around
-    }
-
-    /// Whether the courier may stand at `position`.
-    ///
-    /// # Errors
-    /// The first coordinate outside its bounds, the tether, or a keep-out area.
-    pub fn check_stand(&self, position: &Vector3<f64>) -> Result<(), PlanError> {
-        self.check_reach(position)?;
-        self.around.check(&position.xy())
-    }
-
-    /// Whether `position` is within the courier's bounds.
-    ///
-    /// # Errors
-    /// The first coordinate outside its bounds.
-    pub fn check_reach(&self, position: &Vector3<f64>) -> Result<(), OutOfRange> {
-        let (min, max) = (self.limits.position_min(), self.limits.position_max());
-        let names = ["courier_x (m)", "courier_y (m)", "courier_yaw (rad)"];
-        (0..3).try_for_each(|axis| check_range(names[axis], position[axis], min[axis], max[axis]))
-    }
-
-    /// Distance from a point of the platen to the nearest place where the courier's centre may be, m.
-    #[must_use]
-    pub fn distance_to_reach_m(&self, point_m: &Vector2<f64>) -> f64 {
-        let (min, max) = (self.limits.position_min().xy(), self.limits.position_max().xy());
-        (point_m - point_m.sup(&min).inf(&max)).norm()
-    }
 
     /// A quick estimate of how long a straight move with a part on the plateau takes, s: the jerk-limited bound at the
     /// share of friction that is used.
@@ -311,7 +147,7 @@ impl MovePlanner {
     ) -> Result<Vec<Leg>, PlanError> {
         let total_m: f64 = route_m.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();
         let turn_rad = to.z - from.z;
-        let mut held: Vec<(Vector3<f64>, f64, Held)> = Vec::new();
+        let mut held: Vec<(Vector3<f64>, f64, LegLimits)> = Vec::new();
         let mut start = *from;
         for pair in route_m.windows(2) {
             let (way_m, count) = (pair[1] - pair[0], route_m.len() as f64 - 1.0);

@@ -6,7 +6,7 @@ use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::plan::PlanError;
+use super::plan_error::PlanError;
 use crate::platen::{Area, segment_distance_m};
 use feeder_model::range::OutOfRange;
 use feeder_model::range::check_range;

@@ -1,9 +1,9 @@
 //! Trips that bring several stations their parts.
 
-use super::choice::{Candidate, CandidateFrame, Choice, angle_rad, fitting};
+use super::choice::{CandidateFrame, Choice, OfferedPart, angle_rad, fitting};
 use super::config::DeliveryConfig;
-use super::plan::MovePlanner;
-use super::protocol::{DeliveryId, DeliveryRequest};
+use super::planner::MovePlanner;
+use super::request::{DeliveryId, DeliveryRequest};
 use nalgebra::Vector2;
 
 /// An open request.
@@ -65,10 +65,10 @@ pub fn best_tour(
     planner: &MovePlanner,
     overheads: &Overheads,
 ) -> Option<Tour> {
-    let mut candidates: Vec<&Candidate> = frame.candidates.iter().collect();
+    let mut candidates: Vec<&OfferedPart> = frame.candidates.iter().collect();
     // Those that the feed would lose next come first.
     candidates.sort_by(|a, b| angle_rad(b).total_cmp(&angle_rad(a)));
-    let fits = |open: &Open, candidate: &Candidate| {
+    let fits = |open: &Open, candidate: &OfferedPart| {
         fitting(candidate, frame.stamp, open.request, &open.station_m, config, planner)
     };
     candidates.retain(|candidate| open.iter().any(|open| fits(open, candidate).is_some()));
@@ -153,8 +153,8 @@ pub(super) mod testing {
         (config, planner, request)
     }
 
-    pub(crate) fn candidate(id: u64, x_m: f64, y_m: f64) -> Candidate {
-        Candidate {
+    pub(crate) fn candidate(id: u64, x_m: f64, y_m: f64) -> OfferedPart {
+        OfferedPart {
             id,
             position_in_tray_m: Vector2::new(x_m, y_m),
             yaw_in_tray_rad: 0.0,
@@ -175,7 +175,7 @@ mod tests {
 
     const OVERHEADS: Overheads = Overheads { stop_s: 0.6, hand_over_s: 0.7 };
 
-    fn tour(candidates: &[Candidate], stations: &[(f64, f64)], stops_max: u32) -> Option<Tour> {
+    fn tour(candidates: &[OfferedPart], stations: &[(f64, f64)], stops_max: u32) -> Option<Tour> {
         let (mut config, planner, request) = setup();
         config.stops_max = stops_max;
         let open: Vec<Open> = (1..)

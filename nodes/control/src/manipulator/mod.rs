@@ -13,33 +13,36 @@ use rand_pcg::Pcg64Mcg;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use feeder_model::range::OutOfRange;
+use feeder_model::range::{OutOfRange, check_ranges};
 
 /// A manipulator and how it works.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ManipulatorConfig {
     /// Height of the open gripper above the plateau while it waits, m.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub travel_height_m: f64,
     /// The vertical axis.
     pub z: AxisSpeed,
     /// The rotation.
     pub theta: AxisSpeed,
-    /// Width of the open gripper, m.
-    pub gripper_opening_m: f64,
     /// Time the gripper takes to close, s.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub grip_s: f64,
     /// Time it takes to put a part away before it asks for the next, s.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub place_s: f64,
     /// Largest offset of a presented part from the axis that it still picks, m.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub tolerance_m: f64,
-    /// Free gap it asks for between a part and the next, m; 0: what the feeder's own rule asks for.
-    pub part_gap_m_min: f64,
     /// How long it waits for a part before it asks anew, s.
+    #[schemars(extend("exclusiveMinimum" = 0.0))]
     pub timeout_s: f64,
     /// How far the gripper closes from where it was told to, along each of x and y: standard deviation, m.
+    #[schemars(range(min = 0.0, max = 0.1))]
     pub pick_error_m: f64,
     /// Share of picks that fail: the gripper loses the part again before it is lifted.
+    #[schemars(range(min = 0.0, max = 1.0))]
     pub pick_failure_probability: f64,
     /// A fault to test with: after so many picks it never says anything again.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -52,11 +55,9 @@ impl Default for ManipulatorConfig {
             travel_height_m: 0.030,
             z: AxisSpeed { speed_max: 0.3, acceleration_max: 5.0 },
             theta: AxisSpeed { speed_max: 10.0, acceleration_max: 200.0 },
-            gripper_opening_m: 0.010,
             grip_s: 0.05,
             place_s: 1.0,
             tolerance_m: 0.0005,
-            part_gap_m_min: 0.0,
             timeout_s: 60.0,
             pick_error_m: 0.0,
             pick_failure_probability: 0.0,
@@ -71,27 +72,9 @@ impl ManipulatorConfig {
     /// # Errors
     /// The first parameter that is out of its range.
     pub fn validate(&self) -> Result<(), OutOfRange> {
-        for (parameter, value) in [
-            ("travel_height_m", self.travel_height_m),
-            ("z.speed_max", self.z.speed_max),
-            ("z.acceleration_max", self.z.acceleration_max),
-            ("theta.speed_max", self.theta.speed_max),
-            ("theta.acceleration_max", self.theta.acceleration_max),
-            ("gripper_opening_m", self.gripper_opening_m),
-            ("grip_s", self.grip_s),
-            ("place_s", self.place_s),
-            ("tolerance_m", self.tolerance_m),
-            ("timeout_s", self.timeout_s),
-        ] {
-            OutOfRange::unless_positive(parameter, value)?;
-        }
-        let gap_m = self.part_gap_m_min;
-        OutOfRange::unless((0.0..=0.1).contains(&gap_m), "part_gap_m_min", gap_m, "0 to 0.1")?;
-        let error_m = self.pick_error_m;
-        OutOfRange::unless((0.0..=0.1).contains(&error_m), "pick_error_m", error_m, "0 to 0.1")?;
-        let share = self.pick_failure_probability;
-        OutOfRange::unless((0.0..=1.0).contains(&share), "pick_failure_probability", share, "0 to 1")?;
-        Ok(())
+        check_ranges("", self)?;
+        check_ranges("z.", &self.z)?;
+        check_ranges("theta.", &self.theta)
     }
 }
 

@@ -7,8 +7,8 @@ use std::time::Duration;
 
 use feeder_control::courier::{CourierConfig, CourierLimits, DriverEvent, GoalHandle, GoalOutcome, VibrationPhase};
 use feeder_control::delivery::{
-    Candidate, CandidateFrame, CourierReport, DeliveryConfig, DeliveryId, DeliveryRequest, DeliverySequencer, Failure,
-    HandOver, LeaseAnswer, MoveId, Output, Phase, ReserveId, Stamp,
+    CandidateFrame, CourierReport, DeliveryConfig, DeliveryId, DeliveryRequest, DeliverySequencer, Failure, HandOver,
+    LeaseAnswer, MoveId, OfferedPart, Output, Phase, ReserveId, Stamp,
 };
 use feeder_control::platen::{Arbiter, Reservation};
 use feeder_model::motor::Load;
@@ -305,7 +305,7 @@ impl World {
     }
 
     fn frame(&self) -> CandidateFrame {
-        let candidates = self.parts.iter().map(|part| Candidate {
+        let candidates = self.parts.iter().map(|part| OfferedPart {
             id: part.id,
             position_in_tray_m: part.position_in_tray_m,
             yaw_in_tray_rad: 0.3,

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use clap::{Args as ClapArgs, ValueEnum};
 use feeder_model::mechanics::equations::{coulomb_pump_feed_m_s, stick_slip_feed_m_s};
-use feeder_model::mechanics::slope::Track;
+use feeder_model::mechanics::slope::LinearTrack;
 use feeder_model::waveform::Axis;
 use serde::Serialize;
 
@@ -41,7 +41,7 @@ enum RestIn {
 }
 
 #[derive(Debug, Serialize)]
-struct Report {
+struct FeedRateReport {
     feed_m_s: Option<f64>,
     equation_m_s: Option<f64>,
     stick_fraction: Option<f64>,
@@ -56,7 +56,7 @@ struct Report {
 pub(crate) fn run(args: &Args) -> Result<()> {
     let friction = args.friction.friction()?;
     let slope_rad = args.slope_deg.to_radians();
-    let track = Track::new(friction, slope_rad, args.friction.gravity)?;
+    let track = LinearTrack::new(friction, slope_rad, args.friction.gravity)?;
     let asked = args.waveform.asked()?;
     let optimal = OptimalTrack { friction: args.friction.mu, slope_rad, gravity_m_s2: args.friction.gravity };
     let waveform = asked.clone().build(Axis::X, &optimal, 1.0)?;
@@ -69,7 +69,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         };
         drive.cycle_means_m_s(start_m_s, LISTED_CYCLES)
     });
-    print_json(&Report {
+    print_json(&FeedRateReport {
         feed_m_s: steady.map(|steady| steady.feed_m_s),
         equation_m_s: equation_m_s(&asked, args, &optimal)?,
         stick_fraction: steady.map(|steady| steady.stick_fraction),

@@ -45,7 +45,7 @@ pub(crate) struct Args {
 }
 
 #[derive(Debug, Serialize)]
-struct Report {
+struct FrictionReport {
     kinetic_friction: f64,
     standard_error: f64,
     slips: usize,
@@ -58,7 +58,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let samples = if is_csv { read_csv(&args.recording) } else { read_bag(args) };
     let samples = samples.with_context(|| format!("in {}", args.recording.display()))?;
     let found = kinetic_friction(&samples, args.gravity).with_context(|| format!("in {}", args.recording.display()))?;
-    print_json(&Report {
+    print_json(&FrictionReport {
         kinetic_friction: found.kinetic,
         standard_error: found.standard_error,
         slips: found.slips,

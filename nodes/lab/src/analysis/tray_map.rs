@@ -32,7 +32,7 @@ pub(crate) struct Args {
 }
 
 #[derive(Debug, Serialize)]
-struct Report {
+struct TrayMapReport {
     radii: Vec<RadiusReport>,
     critical_radius_m: Option<f64>,
 }
@@ -68,5 +68,5 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             plateau_radial_drift_m_s: feed.plateau.map(|plateau| plateau.radial_drift_m_s),
         })
     });
-    print_json(&Report { radii: radii.collect::<Result<_>>()?, critical_radius_m: map.critical_radius_m()? })
+    print_json(&TrayMapReport { radii: radii.collect::<Result<_>>()?, critical_radius_m: map.critical_radius_m()? })
 }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::singulation::{Crest, Passage};
+use super::singulation::{Crest, RampPassage};
 use feeder_model::mechanics::MechanicsError;
 use feeder_model::mechanics::annular::AnnularTrack;
 use feeder_model::mechanics::map::TrayMap;
@@ -67,7 +67,7 @@ pub fn lane_flow(
 
 impl Loading {
     /// Spacing on the ramp, arc length in m.
-    pub(super) fn ramp_spacing_m(self, passage: &Passage, length_m: f64, spacing_parts: f64) -> f64 {
+    pub(super) fn ramp_spacing_m(self, passage: &RampPassage, length_m: f64, spacing_parts: f64) -> f64 {
         match self {
             Self::Metered => passage.ramp_spacing_m(length_m, spacing_parts * length_m),
             Self::Queued => length_m,

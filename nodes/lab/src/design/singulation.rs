@@ -6,7 +6,7 @@
 //! first part passes the crest: with large hops much more than the ratio of the mean speeds says. Parts are points that do
 //! not touch.
 
-use feeder_model::mechanics::slope::{Drive, Phase, Steady};
+use feeder_model::mechanics::slope::{Drive, MotionPhase, Steady};
 
 /// Periods after which a part on the plateau is taken to have settled at the latest.
 const PERIODS_MAX: usize = 400;
@@ -31,7 +31,7 @@ pub(super) struct Crest<'a> {
 
 /// The ways over the crest of parts that start at evenly spaced places of a hop before it.
 #[derive(Clone, Debug)]
-pub(super) struct Passage {
+pub(super) struct RampPassage {
     /// Ways of parts that start a period whole hops and `i/n` of a hop before the crest, i = 1…n.
     ways: Vec<Way>,
     /// Hop on the ramp and on the plateau: arc covered in a period, m.
@@ -66,14 +66,14 @@ impl<'a> Crest<'a> {
         self.plateau_steady.feed_m_s
     }
 
-    pub(super) fn passage(&self, places: u32) -> Passage {
+    pub(super) fn passage(&self, places: u32) -> RampPassage {
         let ramp_hop_m = self.ramp_m_s() * self.ramp.period_s();
         let plateau_hop_m = self.plateau_m_s() * self.plateau.period_s();
         // From here on back, a part is still on the ramp throughout the period before.
         let hop_m = self.ramp_steady.feed_m_s * self.ramp.period_s();
         let clear_m = (self.farthest_m() / hop_m).ceil() * hop_m;
         let ways = (1..=places).map(|i| self.way(clear_m + hop_m * f64::from(i) / f64::from(places))).collect();
-        Passage { ways, ramp_hop_m, plateau_hop_m }
+        RampPassage { ways, ramp_hop_m, plateau_hop_m }
     }
 
     /// How far a part on the ramp gets from where it starts a period, at most, m.
@@ -89,7 +89,7 @@ impl<'a> Crest<'a> {
     /// The way of a part that begins a period `before_m` before the crest.
     fn way(&self, before_m: f64) -> Way {
         let fast = self.ramp_steady.feed_m_s.max(self.plateau_steady.feed_m_s);
-        let mut part = Place { s_m: -before_m, w_m_s: self.ramp_steady.start_m_s, on_plateau: false };
+        let mut part = TrayPlace { s_m: -before_m, w_m_s: self.ramp_steady.start_m_s, on_plateau: false };
         let mut way = Way { positions_m: Vec::new(), one_hop_past: 0 };
         while way.positions_m.len() < PERIODS_MAX {
             if !part.on_plateau {
@@ -106,7 +106,7 @@ impl<'a> Crest<'a> {
     }
 
     /// One period of a part near the crest.
-    fn run(&self, mut part: Place) -> Place {
+    fn run(&self, mut part: TrayPlace) -> TrayPlace {
         for (ramp, plateau) in self.ramp.legs().iter().zip(self.plateau.legs()) {
             let mut left_s = ramp.duration_s;
             while left_s > 0.0 {
@@ -116,10 +116,10 @@ impl<'a> Crest<'a> {
                 let leaves = if part.on_plateau { end_m < 0.0 } else { end_m > 0.0 };
                 if leaves {
                     let (duration_s, w_m_s) = reach(&phase, -part.s_m);
-                    part = Place { s_m: 0.0, w_m_s, on_plateau: !part.on_plateau };
+                    part = TrayPlace { s_m: 0.0, w_m_s, on_plateau: !part.on_plateau };
                     left_s -= duration_s;
                 } else {
-                    part = Place { s_m: end_m, w_m_s: phase.to_m_s, ..part };
+                    part = TrayPlace { s_m: end_m, w_m_s: phase.to_m_s, ..part };
                     left_s -= phase.duration_s;
                 }
             }
@@ -130,14 +130,14 @@ impl<'a> Crest<'a> {
 
 /// A part near the crest: position along the track, uphill positive, and speed.
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct TrayPlace {
     s_m: f64,
     w_m_s: f64,
     on_plateau: bool,
 }
 
 /// Time and speed at which a phase that covers more has covered `distance_m`.
-fn reach(phase: &Phase, distance_m: f64) -> (f64, f64) {
+fn reach(phase: &MotionPhase, distance_m: f64) -> (f64, f64) {
     let acceleration = (phase.to_m_s - phase.from_m_s) / phase.duration_s;
     let square = phase.from_m_s * phase.from_m_s + 2.0 * acceleration * distance_m;
     let w_m_s = square.max(0.0).sqrt().copysign(phase.from_m_s + phase.to_m_s);
@@ -145,7 +145,7 @@ fn reach(phase: &Phase, distance_m: f64) -> (f64, f64) {
     if duration_s.is_finite() { (duration_s.clamp(0.0, phase.duration_s), w_m_s) } else { (0.0, w_m_s) }
 }
 
-impl Passage {
+impl RampPassage {
     /// The smallest spacing on the plateau, over all places of entry, of parts about `ramp_steps`/n of a hop apart on the
     /// ramp, m. Places of entry have a finite step, and no loading is exact: a spacing of so many whole hops, at which
     /// all parts would pass the crest alike, must not rest on that.

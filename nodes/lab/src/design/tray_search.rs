@@ -42,7 +42,7 @@ impl TrayGoal {
     ) -> Result<Option<DesignedTray>, MechanicsError> {
         self.check()?;
         let space = ShapeSpace { axis: Axis::Yaw, segments, limit: self.limits.max_acceleration };
-        let step_by = [space.step_by(), vec![0.2; Candidate::EXTRAS]].concat();
+        let step_by = [space.step_by(), vec![0.2; TrayCandidate::EXTRAS]].concat();
         let climb_all = |starts: Vec<Vec<f64>>, detail: Detail, steps: u64, progress: &mut dyn FnMut(f64)| {
             let objective = |point: &[f64]| self.score(&space, point, detail).unwrap_or(f64::NAN);
             let total = starts.len();
@@ -93,8 +93,8 @@ impl TrayGoal {
 
     /// Closed forms for every kind and friction on ramp and plateau, then random ones.
     fn starts(&self, space: &ShapeSpace, effort: Effort) -> Vec<Vec<f64>> {
-        let gentlest = self.tray(&[0.0; Candidate::EXTRAS]);
-        let extras = vec![0.0; Candidate::EXTRAS];
+        let gentlest = self.tray(&[0.0; TrayCandidate::EXTRAS]);
+        let extras = vec![0.0; TrayCandidate::EXTRAS];
         let cases = self.kinds.iter().flat_map(|kind| kind.frictions.iter().map(move |&friction| (kind, friction)));
         let known = cases.flat_map(|(kind, friction)| {
             let radius_m = self.outer_radius_m - kind.length_m / 2.0;
@@ -120,8 +120,8 @@ impl TrayGoal {
         }
     }
 
-    fn candidate(&self, space: &ShapeSpace, point: &[f64]) -> Option<Candidate> {
-        let (shape, extras) = point.split_at(point.len() - Candidate::EXTRAS);
+    fn candidate(&self, space: &ShapeSpace, point: &[f64]) -> Option<TrayCandidate> {
+        let (shape, extras) = point.split_at(point.len() - TrayCandidate::EXTRAS);
         let waveform = match self.period {
             Period::Fixed(period_s) => tamed(space.waveform(shape, period_s)?, &self.limits)?,
             Period::UpTo(period_max_s) => {
@@ -133,12 +133,12 @@ impl TrayGoal {
                 space.waveform(shape, longest_s * (-extras[2].abs()).exp())?
             }
         };
-        Some(Candidate { tray: self.tray(extras), waveform })
+        Some(TrayCandidate { tray: self.tray(extras), waveform })
     }
 
     /// Parts per minute for the worst kind and friction; less than 0 where parts do not climb or are too close.
     fn score(&self, space: &ShapeSpace, point: &[f64], detail: Detail) -> Option<f64> {
-        let Candidate { tray, waveform } = self.candidate(space, point)?;
+        let TrayCandidate { tray, waveform } = self.candidate(space, point)?;
         let mut worst = f64::INFINITY;
         for kind in &self.kinds {
             for &friction in &kind.frictions {
@@ -196,12 +196,12 @@ enum Detail {
 
 /// A tray with a waveform, as the search proposes it.
 #[derive(Clone, Debug)]
-struct Candidate {
+struct TrayCandidate {
     tray: TrayGeometry,
     waveform: Waveform,
 }
 
-impl Candidate {
+impl TrayCandidate {
     /// Coordinates besides those of the waveform's shape: rise, angle of the ramp, period.
     const EXTRAS: usize = 3;
 }

@@ -5,7 +5,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::search::{Effort, climb};
 use super::shape::{ShapeSpace, check_limits, closed_form, tamed};
-use feeder_model::mechanics::slope::Track;
+use feeder_model::mechanics::slope::LinearTrack;
 use feeder_model::mechanics::{Friction, check_slope};
 use feeder_model::range::OutOfRange;
 use feeder_model::waveform::{Axis, AxisLimits, OptimalDesign, Waveform};
@@ -89,7 +89,7 @@ impl WaveformGoal {
     pub fn feeds_m_s(&self, waveform: &Waveform) -> impl Iterator<Item = Option<f64>> {
         let slewed = if self.slew_s > 0.0 { waveform.slew_limited(self.slew_s, SLEW_STEPS).ok() } else { None };
         self.frictions.iter().map(move |&mu| {
-            let track = Track::new(Friction::uniform(mu).ok()?, self.slope_rad, self.gravity_m_s2).ok()?;
+            let track = LinearTrack::new(Friction::uniform(mu).ok()?, self.slope_rad, self.gravity_m_s2).ok()?;
             let drive = track.drive(slewed.as_ref().unwrap_or(waveform), self.lever).ok()?;
             Some(drive.steady()?.feed_m_s)
         })

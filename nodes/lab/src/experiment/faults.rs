@@ -120,7 +120,7 @@ fn try_out(
     let watched_s = if matches!(wrong, Wrong::Silent(_)) { 2.0 * LASTING_S } else { LASTING_S };
     let begun = driver.step(1);
     let from = driver.motor_mut().motion().0;
-    let mut seen = Seen::default();
+    let mut seen = FaultSeen::default();
     seen.take(&begun.events, 0.0);
     let (mut moved_s, mut rest) = (0.0, from);
     for tick in 1..ticks(watched_s) {
@@ -147,12 +147,12 @@ fn try_out(
 
 /// The first thing that the driver did about a fault.
 #[derive(Debug, Default)]
-struct Seen {
+struct FaultSeen {
     reaction: Option<String>,
     noticed_s: Option<f64>,
 }
 
-impl Seen {
+impl FaultSeen {
     fn take(&mut self, events: &[DriverEvent], time_s: f64) {
         for event in events {
             let reaction = match event {

@@ -8,7 +8,7 @@ use crate::identify::VelocitySample;
 use feeder_control::courier::Rejection;
 use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_model::mechanics::Friction;
-use feeder_model::mechanics::slope::Track;
+use feeder_model::mechanics::slope::LinearTrack;
 use feeder_model::waveform::Waveform;
 use feeder_scenario::SimulatedCourier;
 
@@ -48,7 +48,7 @@ impl Rig {
     pub fn run(&self, duration_s: f64, seed: u64) -> Result<Recording, Rejection> {
         let mut driver = self.courier.driver(seed)?;
         driver.set_waveform(&self.waveform, true)?;
-        let track = Track::new(self.friction, 0.0, STANDARD_GRAVITY_M_S2)?;
+        let track = LinearTrack::new(self.friction, 0.0, STANDARD_GRAVITY_M_S2)?;
         let period_s = self.courier.config.servo_period_s;
         let mut noise = Pcg64Mcg::seed_from_u64(!seed);
         let mut noisy = |value: f64| {

@@ -3,11 +3,11 @@
 use nalgebra::Point3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
+use super::shape_error::ShapeError;
 use super::solids::Soup;
-use super::stl::{self, StlError};
-use super::{MeshError, PartMesh, Solid};
+use super::stl;
+use super::{PartMesh, Solid};
 use crate::range::OutOfRange;
 
 /// The shape of a part.
@@ -40,26 +40,6 @@ pub struct RawMesh {
     pub vertices_m: Vec<[f64; 3]>,
     /// Indices of the vertices of each triangle, counter-clockwise as seen from outside.
     pub triangles: Vec<[u32; 3]>,
-}
-
-/// Why a shape is no body.
-#[derive(Clone, Debug, PartialEq, Error)]
-pub enum ShapeError {
-    /// A number of a solid lies outside its range.
-    #[error(transparent)]
-    OutOfRange(#[from] OutOfRange),
-    /// The STL file has not been read.
-    #[error("the STL file {file:?} was not found or not read")]
-    NotRead {
-        /// Its name.
-        file: String,
-    },
-    /// The STL file is none.
-    #[error(transparent)]
-    Stl(#[from] StlError),
-    /// The triangles are no body.
-    #[error(transparent)]
-    Mesh(#[from] MeshError),
 }
 
 impl ShapeSpec {

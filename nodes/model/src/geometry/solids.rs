@@ -7,7 +7,7 @@ use nalgebra::{Point2, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::shape::ShapeError;
+use super::shape_error::ShapeError;
 use crate::range::{OutOfRange, check_range};
 
 /// Sides of the polygon that stands for a circle. Its area is 0.2 % short.

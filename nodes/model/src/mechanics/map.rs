@@ -2,7 +2,7 @@
 
 use super::MechanicsError;
 use super::annular::{AnnularTrack, PartState};
-use super::slope::{Drive, Steady, Track};
+use super::slope::{Drive, LinearTrack, Steady};
 use crate::tray::Surface;
 use crate::waveform::{Axis, Waveform};
 
@@ -63,7 +63,7 @@ impl<'a> TrayMap<'a> {
     /// If the radius is off the tray, or the part leaves the surface.
     pub fn drive(&self, radius_m: f64, surface: Surface) -> Result<Drive, MechanicsError> {
         self.track.check_radius(radius_m)?;
-        Track::new(self.track.friction(), self.slope_rad(radius_m, surface), self.track.gravity_m_s2())?
+        LinearTrack::new(self.track.friction(), self.slope_rad(radius_m, surface), self.track.gravity_m_s2())?
             .drive(self.waveform, radius_m)
     }
 

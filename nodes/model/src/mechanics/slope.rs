@@ -16,13 +16,13 @@ use crate::waveform::Waveform;
 
 /// A straight track: slope, friction and gravity.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Track {
+pub struct LinearTrack {
     friction: Friction,
     gravity_m_s2: f64,
     incline: Incline,
 }
 
-impl Track {
+impl LinearTrack {
     /// A track rising by `slope_rad` in the feed direction.
     ///
     /// # Errors
@@ -106,26 +106,26 @@ pub struct Leg {
 
 impl Leg {
     /// The motion from w = `w_m_s` until it reverses or comes to rest, or until `left_s` have passed.
-    pub fn next_phase(&self, w_m_s: f64, left_s: f64) -> Phase {
+    pub fn next_phase(&self, w_m_s: f64, left_s: f64) -> MotionPhase {
         if w_m_s == 0.0 {
             let to_m_s = self.from_rest * left_s;
-            return Phase { duration_s: left_s, from_m_s: 0.0, to_m_s, at_rest: self.from_rest == 0.0 };
+            return MotionPhase { duration_s: left_s, from_m_s: 0.0, to_m_s, at_rest: self.from_rest == 0.0 };
         }
         let acceleration = if w_m_s > 0.0 { self.up } else { self.down };
         let to_m_s = w_m_s + acceleration * left_s;
         // Compared one by one: a product of the two could underflow.
         if (w_m_s > 0.0 && to_m_s >= 0.0) || (w_m_s < 0.0 && to_m_s <= 0.0) {
-            return Phase { duration_s: left_s, from_m_s: w_m_s, to_m_s, at_rest: false };
+            return MotionPhase { duration_s: left_s, from_m_s: w_m_s, to_m_s, at_rest: false };
         }
         // Rounding must not carry the stop beyond the end.
         let duration_s = (-w_m_s / acceleration).min(left_s);
-        Phase { duration_s, from_m_s: w_m_s, to_m_s: 0.0, at_rest: false }
+        MotionPhase { duration_s, from_m_s: w_m_s, to_m_s: 0.0, at_rest: false }
     }
 }
 
 /// A stretch of constant ẇ.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Phase {
+pub struct MotionPhase {
     /// How long it lasts, s.
     pub duration_s: f64,
     /// w where it begins, m/s.
@@ -136,7 +136,7 @@ pub struct Phase {
     pub at_rest: bool,
 }
 
-impl Phase {
+impl MotionPhase {
     /// Distance covered relative to the tray, m.
     #[must_use]
     pub fn distance_m(&self) -> f64 {
@@ -182,7 +182,7 @@ impl Drive {
     }
 
     /// Runs one period from w = `w_m_s`, shows every phase, and gives w at the end of the period.
-    pub fn run(&self, w_m_s: f64, mut on_phase: impl FnMut(Phase)) -> f64 {
+    pub fn run(&self, w_m_s: f64, mut on_phase: impl FnMut(MotionPhase)) -> f64 {
         let mut w = w_m_s;
         for leg in &self.legs {
             let mut left_s = leg.duration_s;

@@ -76,7 +76,7 @@ pub struct Incline {
 
 /// Forces per mass on a part, without friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Load {
+pub struct SurfaceLoad {
     /// What drives it along the track, r ψ̈/cos φ without friction, m/s².
     pub along_m_s2: f64,
     /// Normal force N per mass, m/s²; negative where the tray would leave the part behind.
@@ -108,8 +108,8 @@ impl Incline {
     /// annular tray, and the tray's acceleration a on a straight slope (Quaid Eqs 11–17).
     #[must_use]
     #[inline]
-    pub fn load(&self, push_m_s2: f64, gravity_m_s2: f64) -> Load {
-        Load {
+    pub fn load(&self, push_m_s2: f64, gravity_m_s2: f64) -> SurfaceLoad {
+        SurfaceLoad {
             along_m_s2: -gravity_m_s2 * self.sin - push_m_s2 * self.cos,
             normal_m_s2: gravity_m_s2 * self.cos - push_m_s2 * self.sin,
         }

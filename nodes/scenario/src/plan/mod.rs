@@ -3,6 +3,7 @@
 //! A [`Scenario`](crate::Scenario) and the files it names are resolved once into a plan ([`Scenario::resolve`](crate::Scenario::resolve)); whatever runs, checks,
 //! records or repeats a run goes by the plan alone.
 
+mod kinds;
 mod load;
 mod nodes;
 mod resolve;
@@ -11,12 +12,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::{RunSection, ScenarioError, TimeSection};
 
+pub use kinds::{NodeConfig, PlannedConfig};
 pub use load::{LoadError, Loaded, load, load_node, load_plan, load_untaught, named};
-pub(crate) use nodes::check_tick;
 pub use nodes::{
-    CourierDriverConfig, DeliveryPlannerConfig, NodeConfig, OverheadManipulatorConfig, PartSimulatorConfig,
-    PlannedConfig, PlannedRecipe, PlannedStation, PlatenArbiterConfig, RunMonitorConfig, ServedFeeder, SimulatedCamera,
-    VisionSelectorConfig, WaveformGeneratorConfig,
+    CourierDriverConfig, DeliveryPlannerConfig, OverheadManipulatorConfig, PartSimulatorConfig, PlannedRecipe,
+    PlannedStation, PlatenArbiterConfig, RunMonitorConfig, ServedFeeder, SimulatedCamera, VisionSelectorConfig,
+    WaveformGeneratorConfig,
 };
 
 /// Everything that runs, and how. Nothing is left to be looked up or derived.

@@ -1,12 +1,13 @@
 //! What each kind of node is configured by. A node knows nothing of a run but this.
 
 use feeder_control::courier::{CourierConfig, CourierLimits, WaveformEnvelope};
-use feeder_control::delivery::{DeliveryConfig, GentleParameters};
+use feeder_control::delivery::{DeliveryConfig, GentleParameters, Tether};
 use feeder_control::manipulator::ManipulatorConfig;
 use feeder_control::platen::Area;
 use feeder_model::camera::{CameraModel, MountedTray};
 use feeder_model::motor::Load;
 use feeder_model::part::{PartSpec, PartType};
+use feeder_model::range::check_ranges;
 use feeder_model::tray::TrayGeometry;
 use feeder_model::waveform::Waveform;
 use feeder_sim::camera::{LightModel, PartSolid, Scene, SensorModel, TrayAppearance};
@@ -17,88 +18,9 @@ use nalgebra::{Vector2, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::error::check_count;
 use crate::placed::bulk_with;
-use crate::{PlacedPart, ScenarioError, SimulatedCourier, check_count, invalid};
-
-/// The configuration of a kind of node.
-pub trait NodeConfig: Sized {
-    /// Name of the kind: of its crate, its executable and its nodes.
-    const KIND: &'static str;
-
-    /// The configuration in a planned node, if that is of this kind.
-    fn of(planned: &PlannedConfig) -> Option<&Self>;
-
-    /// Checks the values, each and together.
-    ///
-    /// # Errors
-    /// What is out of range, and what the range is.
-    fn check(&self) -> Result<(), ScenarioError>;
-}
-
-/// The kinds of nodes, each with the type that configures it.
-macro_rules! kinds {
-    ($($kind:ident($config:ident) = $name:literal,)*) => {
-        /// A node's kind, and what it is configured by.
-        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-        #[serde(rename_all = "snake_case")]
-        pub enum PlannedConfig {
-            $(
-                #[doc = concat!("A `", $name, "`.")]
-                $kind(Box<$config>),
-            )*
-        }
-
-        impl PlannedConfig {
-            /// Name of the kind.
-            #[must_use]
-            pub fn kind(&self) -> &'static str {
-                match self {
-                    $(Self::$kind(_) => $config::KIND,)*
-                }
-            }
-
-            pub(super) fn check(&self) -> Result<(), ScenarioError> {
-                match self {
-                    $(Self::$kind(config) => config.check(),)*
-                }
-            }
-        }
-
-        $(
-            impl NodeConfig for $config {
-                const KIND: &'static str = $name;
-
-                fn of(planned: &PlannedConfig) -> Option<&Self> {
-                    match planned {
-                        PlannedConfig::$kind(config) => Some(&**config),
-                        _ => None,
-                    }
-                }
-
-                fn check(&self) -> Result<(), ScenarioError> {
-                    check_tick(self.tick_ms)?;
-                    self.check_values()
-                }
-            }
-        )*
-    };
-}
-
-kinds! {
-    WaveformGenerator(WaveformGeneratorConfig) = "waveform_generator",
-    CourierDriver(CourierDriverConfig) = "courier_driver",
-    PartSimulator(PartSimulatorConfig) = "part_simulator",
-    VisionSelector(VisionSelectorConfig) = "vision_selector",
-    DeliveryPlanner(DeliveryPlannerConfig) = "delivery_planner",
-    OverheadManipulator(OverheadManipulatorConfig) = "overhead_manipulator",
-    PlatenArbiter(PlatenArbiterConfig) = "platen_arbiter",
-    RunMonitor(RunMonitorConfig) = "run_monitor",
-}
-
-/// Checks the time between a node's steps.
-pub(crate) fn check_tick(tick_ms: u64) -> Result<(), ScenarioError> {
-    check_count("time", "tick_ms", tick_ms, 1, 100)
-}
+use crate::{PlacedPart, ScenarioError, SimulatedCourier, invalid};
 
 /// Configuration of the waveform generator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -115,7 +37,7 @@ pub struct WaveformGeneratorConfig {
 }
 
 impl WaveformGeneratorConfig {
-    fn check_values(&self) -> Result<(), ScenarioError> {
+    pub(super) fn check_values(&self) -> Result<(), ScenarioError> {
         self.envelope.validate().map_err(|error| invalid("courier", &error))?;
         self.envelope.check(&self.waveform).map_err(|error| invalid("waveform", &error))
     }
@@ -146,7 +68,7 @@ impl CourierDriverConfig {
         SimulatedCourier { config: self.courier, motor: self.motor }
     }
 
-    fn check_values(&self) -> Result<(), ScenarioError> {
+    pub(super) fn check_values(&self) -> Result<(), ScenarioError> {
         self.motor.validate().map_err(|error| invalid("world", &error))?;
         self.courier.validate().map_err(|error| invalid("courier", &error))?;
         let servo_ticks = self.tick_ms as f64 * 1e-3 / self.courier.servo_period_s;
@@ -234,7 +156,7 @@ impl PartSimulatorConfig {
         bulk_with(&self.parts_placed, self.tray.geometry, part, self.bulk, seed)
     }
 
-    fn check_values(&self) -> Result<(), ScenarioError> {
+    pub(super) fn check_values(&self) -> Result<(), ScenarioError> {
         let part = PartType::new(&self.part).map_err(|error| invalid("part", &error))?;
         self.tray.validate().map_err(|error| invalid("tray", &error))?;
         self.parts_in_bulk(part.clone(), self.seed)?;
@@ -289,7 +211,7 @@ impl VisionSelectorConfig {
             .map_err(|error| invalid("selector", &error))
     }
 
-    fn check_values(&self) -> Result<(), ScenarioError> {
+    pub(super) fn check_values(&self) -> Result<(), ScenarioError> {
         Selector::check(&self.selector_config(), &self.camera, &self.tray, &self.part_model)
             .map_err(|error| invalid("selector", &error))
     }
@@ -359,7 +281,7 @@ pub struct DeliveryPlannerConfig {
 }
 
 impl DeliveryPlannerConfig {
-    /// The sequencer's parameters, with the part's friction, the stations and the areas.
+    /// The sequencer's parameters, with the part's friction, the courier's tether, the stations and the areas.
     #[must_use]
     pub fn delivery(&self) -> DeliveryConfig {
         let stations = self.stations.iter();
@@ -369,12 +291,16 @@ impl DeliveryPlannerConfig {
             rechecked_stations: rechecked.map(|station| station.name.clone()).collect(),
             keep_out: self.keep_out.clone(),
             arbitrated: self.arbitrated,
+            tether: Some(Tether {
+                anchor_m: self.limits.tether_anchor_m.into(),
+                length_m: self.limits.tether_length_m,
+            }),
             gentle: GentleParameters { friction: self.part_friction, ..self.delivery.gentle },
             ..self.delivery.clone()
         }
     }
 
-    fn check_values(&self) -> Result<(), ScenarioError> {
+    pub(super) fn check_values(&self) -> Result<(), ScenarioError> {
         self.limits.validate().map_err(|error| invalid("courier", &error))?;
         self.load.validate().map_err(|error| invalid("courier", &error))?;
         self.delivery().validate().map_err(|error| invalid("delivery", &error))
@@ -413,12 +339,19 @@ pub struct OverheadManipulatorConfig {
     pub part_class: String,
     /// Name of the resting pose it asks for.
     pub pose_class: String,
+    /// Width of its open gripper, m.
+    #[schemars(range(min = 0.0, max = 0.5))]
+    pub gripper_opening_m: f64,
+    /// Free gap that the open gripper needs between a part and the next, m.
+    #[schemars(range(min = 0.0, max = 0.1))]
+    pub part_gap_m_min: f64,
     /// The manipulator.
     pub manipulator: ManipulatorConfig,
 }
 
 impl OverheadManipulatorConfig {
-    fn check_values(&self) -> Result<(), ScenarioError> {
+    pub(super) fn check_values(&self) -> Result<(), ScenarioError> {
+        check_ranges("", self).map_err(|error| invalid("stations", &format_args!("{}.{error}", self.station)))?;
         self.manipulator
             .validate()
             .map_err(|error| invalid("stations", &format_args!("{}.manipulator: {error}", self.station)))
@@ -435,7 +368,7 @@ pub struct PlatenArbiterConfig {
 
 impl PlatenArbiterConfig {
     #[expect(clippy::unused_self, clippy::unnecessary_wraps, reason = "one signature for all kinds of nodes")]
-    fn check_values(&self) -> Result<(), ScenarioError> {
+    pub(super) fn check_values(&self) -> Result<(), ScenarioError> {
         Ok(())
     }
 }
@@ -459,7 +392,7 @@ pub struct RunMonitorConfig {
 }
 
 impl RunMonitorConfig {
-    fn check_values(&self) -> Result<(), ScenarioError> {
+    pub(super) fn check_values(&self) -> Result<(), ScenarioError> {
         PartType::new(&self.part).map(|_| ()).map_err(|error| invalid("part", &error))
     }
 }

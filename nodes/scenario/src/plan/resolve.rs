@@ -3,31 +3,32 @@
 use feeder_model::area::PLATEN_NAMESPACE;
 use feeder_model::part::PartType;
 
+use super::kinds::PlannedConfig;
 use super::nodes::{
-    CourierDriverConfig, DeliveryPlannerConfig, OverheadManipulatorConfig, PartSimulatorConfig, PlannedConfig,
-    PlannedRecipe, PlannedStation, PlatenArbiterConfig, RunMonitorConfig, ServedFeeder, SimulatedCamera,
-    VisionSelectorConfig, WaveformGeneratorConfig,
+    CourierDriverConfig, DeliveryPlannerConfig, OverheadManipulatorConfig, PartSimulatorConfig, PlannedRecipe,
+    PlannedStation, PlatenArbiterConfig, RunMonitorConfig, ServedFeeder, VisionSelectorConfig, WaveformGeneratorConfig,
 };
 use super::{PlannedNode, Provenance, RunPlan};
-use crate::{Scenario, ScenarioError, Source, Station, check_taught, invalid};
+use crate::validate::check_taught;
+use crate::{Scenario, ScenarioError, Source, Station, invalid};
 
 impl Scenario {
-    /// The plan of the run. `text` is the scenario as somebody wrote it, for the record.
+    /// The plan of the run of a scenario as it was read, which checks it; one that was changed since is planned by
+    /// [`plan`](Self::plan). `text` is the scenario as somebody wrote it, for the record.
     ///
     /// # Errors
-    /// A scenario that cannot run, for example because its part was never taught.
+    /// A part that was never taught, or a value that cannot be derived.
     pub fn resolve(&self, text: &str) -> Result<RunPlan, ScenarioError> {
-        self.validate()?;
         let part = self.part_type()?;
         let feeders = self.of_each_feeder();
         let mut nodes = Vec::new();
         let mut place =
             |namespace: &str, node: PlannedConfig| nodes.push(PlannedNode { namespace: namespace.to_owned(), node });
         for feeder in &feeders {
-            place(&feeder.namespace(), PlannedConfig::WaveformGenerator(Box::new(feeder.waveform_generator()?)));
+            place(&feeder.namespace(), PlannedConfig::WaveformGenerator(Box::new(feeder.waveform_generator(&part)?)));
         }
         for feeder in &feeders {
-            place(&feeder.namespace(), PlannedConfig::CourierDriver(Box::new(feeder.courier_driver()?)));
+            place(&feeder.namespace(), PlannedConfig::CourierDriver(Box::new(feeder.courier_driver(&part)?)));
         }
         for feeder in &feeders {
             place(&feeder.namespace(), PlannedConfig::PartSimulator(Box::new(feeder.part_simulator(&part)?)));
@@ -52,30 +53,31 @@ impl Scenario {
         Ok(RunPlan { provenance, run: self.run, time: self.time, nodes })
     }
 
-    /// The plan of the run, with the scenario spelled out for the record.
+    /// Checks the scenario and plans its run, with the scenario spelled out for the record.
     ///
     /// # Errors
-    /// As [`resolve`](Self::resolve).
+    /// A value out of range, and as [`resolve`](Self::resolve).
     pub fn plan(&self) -> Result<RunPlan, ScenarioError> {
+        self.validate()?;
         self.resolve(&self.to_yaml()?)
     }
 
-    fn waveform_generator(&self) -> Result<WaveformGeneratorConfig, ScenarioError> {
+    fn waveform_generator(&self, part: &PartType) -> Result<WaveformGeneratorConfig, ScenarioError> {
         Ok(WaveformGeneratorConfig {
             tick_ms: self.time.tick_ms,
             name: self.waveform.name().to_owned(),
             waveform: self.waveform()?,
-            envelope: self.courier.waveform_envelope(),
+            envelope: self.courier(part).waveform_envelope(),
         })
     }
 
-    fn courier_driver(&self) -> Result<CourierDriverConfig, ScenarioError> {
+    fn courier_driver(&self, part: &PartType) -> Result<CourierDriverConfig, ScenarioError> {
         Ok(CourierDriverConfig {
             tick_ms: self.time.tick_ms,
             feeder: self.feeder.clone(),
             seed: self.seed,
             tray_floor_height_m: self.tray.floor_height_m,
-            courier: self.courier,
+            courier: self.courier(part),
             motor: self.world.motor.parameters().map_err(|problem| invalid("world", &problem))?,
         })
     }
@@ -97,25 +99,6 @@ impl Scenario {
             pick_namespaces: calling.map(|station| self.pick_namespace(&station.name, &self.feeder)).collect(),
             camera: self.simulated_camera(),
         })
-    }
-
-    /// The friction that moves reckon with: the part's own, unless the scenario says that control believes another.
-    #[must_use]
-    pub fn believed_friction(&self, part: &PartType) -> f64 {
-        self.believed.part_friction.unwrap_or(part.friction.static_coefficient())
-    }
-
-    /// The camera as it is simulated.
-    #[must_use]
-    pub fn simulated_camera(&self) -> SimulatedCamera {
-        SimulatedCamera {
-            period_ms: self.camera.period_ms,
-            jpeg_quality: self.camera.jpeg_quality,
-            model: self.camera.model.clone(),
-            tray: self.world.tray,
-            light: self.world.light,
-            sensor: self.world.sensor,
-        }
     }
 
     fn vision_selector(&self, part: &PartType) -> Result<VisionSelectorConfig, ScenarioError> {
@@ -166,21 +149,12 @@ impl Scenario {
             recipes: recipes.collect::<Result<_, ScenarioError>>()?,
             tray: self.tray,
             limits: self.courier.limits,
-            load: self.courier.load,
+            load: self.load(part),
             delivery: self.delivery.clone(),
             stations: stations.collect(),
             keep_out: self.platen.keep_out.iter().cloned().chain(self.parked_areas()).collect(),
             arbitrated: self.is_arbitrated(),
         })
-    }
-
-    /// The pose that the manipulators ask for: the first wanted one that the recipe in force at the start has, or else the
-    /// first that it has.
-    fn asked_pose(&self, part: &PartType) -> String {
-        let recipes = self.recipes(part);
-        let poses = recipes.first().map_or(&[][..], |recipe| &recipe.pose_classes);
-        let wanted = part.wanted_pose_names().find(|wanted| poses.iter().any(|pose| pose == wanted));
-        wanted.or(poses.first().map(String::as_str)).unwrap_or_default().to_owned()
     }
 
     fn overhead_manipulator(&self, station: &Station, part: &PartType) -> OverheadManipulatorConfig {
@@ -198,6 +172,8 @@ impl Scenario {
             feeders: feeders.collect(),
             part_class: part.name.clone(),
             pose_class: self.asked_pose(part),
+            gripper_opening_m: station.gripper.opening_m(part),
+            part_gap_m_min: station.gripper.room_m(part),
             manipulator: station.manipulator,
         }
     }

@@ -4,6 +4,7 @@
 //! [`Renderer`] takes the picture: platen, tray and parts under a light, through the lens, with sensor noise.
 //! [`codec`] turns pictures into JPEG and back.
 
+mod appearance;
 pub mod codec;
 mod light;
 mod noise;
@@ -16,7 +17,8 @@ mod surfaces;
 mod tile;
 mod tray;
 
+pub use appearance::TrayAppearance;
 pub use light::LightModel;
-pub use render::{Renderer, Scene, SensorModel, TrayShot};
-pub use scene::TrayAppearance;
+pub use render::Renderer;
+pub use scene::{Scene, SensorModel, TrayShot};
 pub use solid::{PartSolid, PartView};

@@ -6,7 +6,7 @@ use nalgebra::{Isometry2, Matrix2, Point2, Point3, Rotation2, Vector2};
 
 use super::light::{LightModel, Shading};
 use super::relief::{Lamp, PathPoint, Relief, Sight, path};
-use super::render::{Scene, TrayShot};
+use super::scene::{Scene, TrayShot};
 use super::solid::PartView;
 use feeder_model::camera::{CameraModel, MountedTray, grey_level, single};
 use feeder_model::range::OutOfRange;
@@ -42,7 +42,7 @@ pub(crate) struct PartPainter {
 }
 
 /// A part as the picture sees it.
-struct Seen<'a> {
+struct PartInView<'a> {
     relief: &'a Relief,
     lamp: Lamp<'a>,
     /// The light in the part's frame.
@@ -110,7 +110,7 @@ impl PartPainter {
         // A higher part hides a lower one; at equal height the order given decides.
         let mut order: Vec<&PartView> = parts.iter().collect();
         order.sort_by(|a, b| a.z_m.total_cmp(&b.z_m));
-        let seen: Vec<Seen> = order.iter().filter_map(|part| self.see(shot, exposure_s, part)).collect();
+        let seen: Vec<PartInView> = order.iter().filter_map(|part| self.see(shot, exposure_s, part)).collect();
         for part in &seen {
             self.paint_floor(part, pixels);
         }
@@ -120,7 +120,7 @@ impl PartPainter {
     }
 
     /// Where and how a part appears; `None` if it is not below the camera or far from the picture.
-    fn see(&self, shot: &TrayShot, exposure_s: f64, part: &PartView) -> Option<Seen<'_>> {
+    fn see(&self, shot: &TrayShot, exposure_s: f64, part: &PartView) -> Option<PartInView<'_>> {
         let relief = self.reliefs.get(part.pose)?;
         let in_tray = Point2::new(part.x_m, part.y_m);
         let platen_from_tray = &shot.platen_from_tray;
@@ -138,7 +138,7 @@ impl PartPainter {
         let motion_px = (px_from_platen * velocity * exposure_s).map(single);
         let (foot, top) = (foot.coords.map(single), top.coords.map(single));
         let slope = self.slope(in_tray, part.z_m);
-        Some(Seen {
+        Some(PartInView {
             relief,
             lamp: relief.lamp(self.light.azimuth_rad - yaw_rad),
             shading: self.light.in_tray(yaw_rad),
@@ -147,7 +147,7 @@ impl PartPainter {
             top,
             px_per_m: single(px_from_texels.determinant().abs().sqrt() / texel_m),
             path: path(texels_from_px * (foot - top), relief.top_m),
-            // Seen at a later time the part has moved on: the line of sight meets it further back.
+            // PartInView at a later time the part has moved on: the line of sight meets it further back.
             sights: SIGHT_PLACES.map(|(x, y, time)| texels_from_px * (Vector2::new(x, y) - motion_px * time)),
             motion_px: motion_px.norm(),
             tilt: self.light.in_tray(platen_from_tray.rotation.angle()).on_slope(slope.map(single), 1.0),
@@ -227,7 +227,7 @@ impl PartPainter {
     }
 
     /// Takes from the floor round a part the light that the part keeps from it.
-    fn paint_floor(&self, part: &Seen, pixels: &mut [u8]) {
+    fn paint_floor(&self, part: &PartInView, pixels: &mut [u8]) {
         let reach_px = part.relief.reach_m * part.px_per_m;
         let middle = Vector2::repeat(part.relief.middle());
         self.for_pixels(part.foot, reach_px, |index, pixel| {
@@ -249,7 +249,7 @@ impl PartPainter {
         });
     }
 
-    fn paint_body(&self, part: &Seen, pixels: &mut [u8]) {
+    fn paint_body(&self, part: &PartInView, pixels: &mut [u8]) {
         let middle = Vector2::repeat(part.relief.middle());
         let reach_px = part.relief.radius_m * part.px_per_m + 0.5 * (part.motion_px + (part.top - part.foot).norm());
         self.for_pixels((part.top + part.foot) * 0.5, reach_px + 1.0, |index, pixel| {

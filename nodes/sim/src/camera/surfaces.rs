@@ -3,7 +3,7 @@
 use nalgebra::{Isometry2, Point2, Vector2};
 
 use super::light::Shading;
-use super::render::Scene;
+use super::scene::Scene;
 use super::tile::{BODY_SIDE, BORE, HUB_CHAMFER, HUB_SIDE, HUB_TOP, LAYERS, Node, PLATEAU, RAMP, RIM, TILE, WALL_FACE};
 use crate::camera::TrayAppearance;
 use feeder_model::camera::{MountedTray, single};

@@ -7,7 +7,7 @@ use nalgebra::{Isometry2, Point2, Vector2};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::render::Scene;
+use super::scene::Scene;
 use super::surfaces::{MOTTLE_CELLS, TrayPose};
 use super::tile::{TILE, paint_tile};
 use feeder_model::camera::{grey_level, single};

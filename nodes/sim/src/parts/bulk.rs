@@ -9,7 +9,7 @@ use super::contact::Contacts;
 use super::impulse::ContactLaw;
 use super::placement::{LandingZone, LoadingBand, is_free, random_pose, random_yaw_rad};
 use super::touch::{Scratch, touch};
-use super::track::Track;
+use super::track::TrayPath;
 use crate::parts::{BulkSettings, Part, PickedPart, Place, motion_check, settings};
 use feeder_model::motion::MotionBlock;
 use feeder_model::part::PartType;
@@ -67,7 +67,7 @@ pub struct PartBulk {
     pub(super) tray: TrayGeometry,
     pub(super) part: PartType,
     pub(super) settings: BulkSettings,
-    pub(super) track: Track,
+    pub(super) track: TrayPath,
     pub(super) band: LoadingBand,
     pub(super) landing: LandingZone,
     pub(super) contacts: Contacts,
@@ -100,7 +100,7 @@ impl PartBulk {
     pub fn new(tray: TrayGeometry, part: PartType, settings: BulkSettings, seed: u64) -> Result<Self, OutOfRange> {
         settings::check_fit(&tray, &part)?;
         settings.check(&tray, &part)?;
-        let track = Track::new(&tray, &part, &settings);
+        let track = TrayPath::new(&tray, &part, &settings);
         let law = ContactLaw { restitution: settings.part_restitution, friction: settings.part_friction };
         Ok(Self {
             band: LoadingBand::new(tray, part.outline_radius_m(), &settings),

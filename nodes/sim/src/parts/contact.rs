@@ -2,7 +2,7 @@
 
 use super::impulse::{ContactLaw, collide};
 use super::touch::{Scratch, touch};
-use super::track::Track;
+use super::track::TrayPath;
 use super::{Part, Place};
 
 /// Overlap, as a share of the least width of a part, that is left uncorrected so that parts at rest against each other stay put.
@@ -70,7 +70,7 @@ impl Contacts {
 
     /// Resolves all contacts after a step in which no part moved by more than `travel_m`. Returns whether any part was
     /// shifted or hit.
-    pub(super) fn resolve(&mut self, parts: &mut [Part], track: &Track, travel_m: f64) -> bool {
+    pub(super) fn resolve(&mut self, parts: &mut [Part], track: &TrayPath, travel_m: f64) -> bool {
         self.travel_m += travel_m;
         self.find_touching(parts, track);
         let mut touched = false;
@@ -88,7 +88,7 @@ impl Contacts {
     ///
     /// Every other sweep makes the part ahead give way to the one behind: as the pairs are in the order of ψ, a queue
     /// jammed against the drop-off's face opens in one such sweep, instead of as many as the square of its length.
-    pub(super) fn separate(&mut self, parts: &mut [Part], track: &Track) {
+    pub(super) fn separate(&mut self, parts: &mut [Part], track: &TrayPath) {
         for sweep_index in 0..SWEEPS_PER_BLOCK {
             self.find_touching(parts, track);
             let share_behind = if sweep_index % 2 == 0 { 0.5 } else { 0.0 };
@@ -100,7 +100,7 @@ impl Contacts {
     }
 
     /// Lists the pairs near enough to touch, whichever way they are turned.
-    fn find_touching(&mut self, parts: &[Part], track: &Track) {
+    fn find_touching(&mut self, parts: &[Part], track: &TrayPath) {
         self.refresh(parts);
         let touch = |&(behind, ahead): &(usize, usize)| {
             let (one, other): (&Part, &Part) = (&parts[behind], &parts[ahead]);
@@ -112,7 +112,7 @@ impl Contacts {
     }
 
     /// Resolves every touching pair once. Of the way two parts are pushed apart, the one behind takes `share_behind`.
-    fn sweep(&mut self, parts: &mut [Part], track: &Track, share_behind: f64) -> Sweep {
+    fn sweep(&mut self, parts: &mut [Part], track: &TrayPath, share_behind: f64) -> Sweep {
         let mut sweep = Sweep::default();
         let tolerated_m = TOLERATED_OVERLAP * self.width_m;
         for &(behind, ahead) in &self.touching {

@@ -7,7 +7,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
 use super::touch::{Scratch, touch};
-use super::track::Track;
+use super::track::TrayPath;
 use crate::parts::{BulkSettings, Part, Place};
 use feeder_model::part::PartType;
 use feeder_model::tray::TrayGeometry;
@@ -41,7 +41,7 @@ impl LoadingBand {
         &self,
         part: &mut Part,
         parts: &[Part],
-        track: &Track,
+        track: &TrayPath,
         scratch: &mut Scratch,
         rng: &mut Pcg64Mcg,
     ) -> bool {
@@ -79,7 +79,7 @@ impl LandingZone {
         &self,
         part: &mut Part,
         parts: &[Part],
-        track: &Track,
+        track: &TrayPath,
         scratch: &mut Scratch,
         rng: &mut Pcg64Mcg,
     ) -> bool {
@@ -101,12 +101,12 @@ impl LandingZone {
 }
 
 /// Whether a part would touch no other on a surface.
-pub(super) fn is_free(part: &Part, parts: &[Part], track: &Track, scratch: &mut Scratch) -> bool {
+pub(super) fn is_free(part: &Part, parts: &[Part], track: &TrayPath, scratch: &mut Scratch) -> bool {
     let mut on_surface = parts.iter().filter(|other| other.place != Place::Falling);
     on_surface.all(|other| clears(part, other, track, scratch))
 }
 
-fn clears(part: &Part, other: &Part, track: &Track, scratch: &mut Scratch) -> bool {
+fn clears(part: &Part, other: &Part, track: &TrayPath, scratch: &mut Scratch) -> bool {
     touch((track.body(part), part), (track.body(other), other), scratch).is_none()
 }
 

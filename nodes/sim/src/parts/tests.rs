@@ -49,8 +49,8 @@ pub(super) fn block(x_m: f64, y_m: f64, z_m: f64) -> PartType {
 }
 
 /// The paper's tray for a part.
-pub(super) fn track(part: &PartType) -> super::track::Track {
-    super::track::Track::new(&TrayGeometry::PAPER, part, &BulkSettings::default())
+pub(super) fn track(part: &PartType) -> super::track::TrayPath {
+    super::track::TrayPath::new(&TrayGeometry::PAPER, part, &BulkSettings::default())
 }
 
 /// A part at rest, outside any bulk.

@@ -25,7 +25,7 @@ pub(super) enum Passage {
 
 /// The tray for parts of one type.
 #[derive(Clone, Debug)]
-pub(super) struct Track {
+pub(super) struct TrayPath {
     /// The part in each of its poses.
     bodies: Vec<Body>,
     walls: Walls,
@@ -40,7 +40,7 @@ pub(super) struct Track {
     level_grip: Grip,
 }
 
-impl Track {
+impl TrayPath {
     pub(super) fn new(tray: &TrayGeometry, part: &PartType, settings: &BulkSettings) -> Self {
         let (sin, cos) = tray.ramp_angle_rad.sin_cos();
         let bodies: Vec<Body> = part.poses.iter().map(|pose| Body::new(&part.mesh, pose)).collect();
@@ -215,7 +215,7 @@ mod tests {
     use super::*;
     use crate::parts::tests::{disc, part_at, track as track_of};
 
-    static TRACK: LazyLock<Track> = LazyLock::new(|| track_of(&disc(0.006, 0.2)));
+    static TRACK: LazyLock<TrayPath> = LazyLock::new(|| track_of(&disc(0.006, 0.2)));
 
     #[test]
     fn edges_are_passed_where_they_are() {

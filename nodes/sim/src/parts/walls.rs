@@ -131,10 +131,10 @@ mod tests {
 
     use super::*;
     use crate::parts::tests::{block, disc, part_at, track as track_of};
-    use crate::parts::track::Track;
+    use crate::parts::track::TrayPath;
 
-    static DISCS: LazyLock<Track> = LazyLock::new(|| track_of(&disc(0.006, 0.2)));
-    static BLOCKS: LazyLock<Track> = LazyLock::new(|| track_of(&block(0.006, 0.004, 0.003)));
+    static DISCS: LazyLock<TrayPath> = LazyLock::new(|| track_of(&disc(0.006, 0.2)));
+    static BLOCKS: LazyLock<TrayPath> = LazyLock::new(|| track_of(&block(0.006, 0.004, 0.003)));
 
     #[test]
     fn walls_and_face_stop_parts_with_friction() {
@@ -166,7 +166,7 @@ mod tests {
             yaw_rate_rad_s in -100.0..100.0_f64,
             round in any::<bool>(),
         ) {
-            let track: &Track = if round { &DISCS } else { &BLOCKS };
+            let track: &TrayPath = if round { &DISCS } else { &BLOCKS };
             let place = Place::from(TrayGeometry::PAPER.surface(angle_rad));
             let mut part = Part {
                 yaw_rad,

@@ -5,12 +5,14 @@ use std::time::Duration;
 
 use nalgebra::{Rotation2, Vector2, Vector3};
 
-use super::super::choice::{Candidate, protected_parts};
+use super::super::choice::{OfferedPart, protected_parts};
 use super::super::leases::Trip;
-use super::super::plan::{MovePlan, PlanError};
-use super::super::protocol::{Delivered, DeliveryId, Failure, HandOver, MoveId, Output, Stamp, Warning};
+use super::super::plan::MovePlan;
+use super::super::plan_error::PlanError;
+use super::super::protocol::{Delivered, Failure, HandOver, Output, Warning};
+use super::super::request::{DeliveryId, MoveId, Stamp};
 use super::super::tour::Stop;
-use super::{DeliverySequencer, Planned, State, late, mean_s};
+use super::{DeliverySequencer, Planned, SequencerState, late, mean_s};
 use crate::platen::{Area, segment_distance_m};
 
 /// Corners of the way of a move, platen frame, m.
@@ -25,7 +27,7 @@ impl DeliverySequencer {
             Ok(routes) => routes,
             Err(error) => {
                 let planned = stops.into_iter().map(|stop| Planned { stop, route_m: Vec::new() });
-                self.state = State::Reserving { stops: planned.collect() };
+                self.state = SequencerState::Reserving { stops: planned.collect() };
                 return self.fail(now, Failure::Plan(error));
             }
         };
@@ -35,7 +37,7 @@ impl DeliverySequencer {
         if self.leases.trip() == Trip::Granted {
             return self.next_stop(now, planned);
         }
-        self.enter(State::Reserving { stops: planned }, None)
+        self.enter(SequencerState::Reserving { stops: planned }, None)
     }
 
     /// The ways from where the courier is over these places to the feeding place, and how long the moves take at most, s.
@@ -98,7 +100,7 @@ impl DeliverySequencer {
         if began_at_home && length_m(&back_m) < length_m(&on_m) { back_m } else { on_m }
     }
 
-    fn protected(&self, selected: &[&Candidate]) -> Vec<Vector2<f64>> {
+    fn protected(&self, selected: &[&OfferedPart]) -> Vec<Vector2<f64>> {
         protected_parts(&self.config, &self.planner, selected, self.frame.as_ref())
     }
 
@@ -123,21 +125,21 @@ impl DeliverySequencer {
             stops.pop_front();
         }
         let Some(planned) = stops.front() else { return self.go_back(now) };
-        let parts: Vec<&Candidate> = stops.iter().map(|planned| &planned.stop.choice.candidate).collect();
+        let parts: Vec<&OfferedPart> = stops.iter().map(|planned| &planned.stop.choice.candidate).collect();
         let stand = planned.stop.choice.courier;
         match self.planner.plan_along(report.position, stand, route_m, &self.protected(&parts)) {
             Ok(plan) => {
                 let (id, arrival, deadline) = self.begin(now, &plan);
-                self.enter(State::Moving { stops, id, deadline, ended: false }, Some(arrival));
+                self.enter(SequencerState::Moving { stops, id, deadline, ended: false }, Some(arrival));
                 self.outputs.push(Output::Move(id, plan));
                 true
             }
             Err(PlanError::NoDistance { .. }) => {
                 let id = self.next_move();
-                self.enter(State::Moving { stops, id, deadline: now, ended: true }, Some(now))
+                self.enter(SequencerState::Moving { stops, id, deadline: now, ended: true }, Some(now))
             }
             Err(error) => {
-                self.state = State::Checking { stops, since: now };
+                self.state = SequencerState::Checking { stops, since: now };
                 self.fail(now, Failure::Plan(error))
             }
         }
@@ -168,11 +170,11 @@ impl DeliverySequencer {
         if ended && self.rest_since.is_some() && offset_m.is_some_and(|offset_m| offset_m.norm() <= tolerance_m) {
             let station = self.delivery(stop.id).map(|delivery| &delivery.request.station);
             if station.is_some_and(|station| self.config.rechecked_stations.contains(station)) {
-                return self.enter(State::Checking { stops, since: now }, Some(now));
+                return self.enter(SequencerState::Checking { stops, since: now }, Some(now));
             }
             return self.present(now, stops);
         }
-        self.state = State::Moving { stops, id, deadline, ended };
+        self.state = SequencerState::Moving { stops, id, deadline, ended };
         now >= deadline && self.fail(now, Failure::DidNotArrive)
     }
 
@@ -191,7 +193,7 @@ impl DeliverySequencer {
         };
         let Some(delivery) = self.delivery(stop.id) else { return self.go_back(now) };
         let chosen = &stop.choice.candidate;
-        let distance_m = |part: &Candidate| (part.position_in_tray_m - chosen.position_in_tray_m).norm();
+        let distance_m = |part: &OfferedPart| (part.position_in_tray_m - chosen.position_in_tray_m).norm();
         let nearest = frame.candidates.iter().min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)));
         let lost = match nearest {
             Some(part) if distance_m(part) <= delivery.request.tolerance_m => why_not(part, chosen),
@@ -219,7 +221,7 @@ impl DeliverySequencer {
         let (id, told) = (stop.id, delivered.clone());
         let deadline = now + Duration::from_secs_f64(self.config.hand_over_timeout_s);
         self.hand_over.clear();
-        self.enter(State::Presented { stops, delivered, since: now, deadline, taken: None }, Some(now));
+        self.enter(SequencerState::Presented { stops, delivered, since: now, deadline, taken: None }, Some(now));
         self.outputs.push(Output::Presented(id, told));
         true
     }
@@ -243,7 +245,7 @@ impl DeliverySequencer {
             (Some(report), _) => {
                 let taken = Some(report == HandOver::Taken);
                 let deadline = now + Duration::from_secs_f64(self.config.hand_over_timeout_s);
-                self.state = State::Presented { stops, delivered, since, deadline, taken };
+                self.state = SequencerState::Presented { stops, delivered, since, deadline, taken };
                 true
             }
             (None, _) if now < deadline => false,
@@ -258,7 +260,7 @@ impl DeliverySequencer {
 
     pub(super) fn go_back(&mut self, now: Stamp) -> bool {
         self.feed(false);
-        self.enter(State::ToReturn { not_before: now, failures: 0 }, None)
+        self.enter(SequencerState::ToReturn { not_before: now, failures: 0 }, None)
     }
 
     pub(super) fn try_to_return(&mut self, now: Stamp, not_before: Stamp, failures: u32) -> bool {
@@ -298,7 +300,7 @@ impl DeliverySequencer {
                     return true;
                 }
                 let (id, _, deadline) = self.begin(now, &plan);
-                self.state = State::Returning { id, deadline, ended: false, failures };
+                self.state = SequencerState::Returning { id, deadline, ended: false, failures };
                 self.outputs.push(Output::Move(id, plan));
                 true
             }
@@ -320,29 +322,29 @@ impl DeliverySequencer {
             self.outputs.push(Output::CancelMove(id));
             return self.return_failed(now, failures, "the courier did not arrive".into());
         }
-        self.state = State::Returning { id, deadline, ended, failures };
+        self.state = SequencerState::Returning { id, deadline, ended, failures };
         false
     }
 
     /// The trip is over: the courier parks.
     fn come_home(&mut self) -> bool {
         self.leases.end_trip(&mut self.outputs);
-        self.enter(State::Idle, None)
+        self.enter(SequencerState::Idle, None)
     }
 
     fn return_failed(&mut self, now: Stamp, failures: u32, reason: String) -> bool {
         self.outputs.push(Output::Warning(Warning::ReturnFailed(reason.clone())));
         if failures >= self.config.retries_max {
-            return self.enter(State::Fault { reason }, None);
+            return self.enter(SequencerState::Fault { reason }, None);
         }
         let not_before = now + Duration::from_secs_f64(self.config.retry_s);
-        self.state = State::ToReturn { not_before, failures: failures + 1 };
+        self.state = SequencerState::ToReturn { not_before, failures: failures + 1 };
         true
     }
 }
 
 /// Why a part that lies where the chosen one should is not the one to be handed over, if it is not.
-fn why_not(part: &Candidate, chosen: &Candidate) -> Option<String> {
+fn why_not(part: &OfferedPart, chosen: &OfferedPart) -> Option<String> {
     match (&part.pose_class, &chosen.pose_class) {
         (Some(lies), Some(wanted)) if lies != wanted => Some(format!("it lies {lies}, not {wanted}")),
         _ => (!part.refusals.may_be_picked()).then(|| part.refusals.to_string()),

@@ -3,9 +3,10 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use super::super::protocol::{Failure, Output, Stamp, Warning};
+use super::super::protocol::{Failure, Output, Warning};
+use super::super::request::Stamp;
 use super::super::tour::{Stop, Tour, best_tour};
-use super::{DeliverySequencer, State, late, mean_s};
+use super::{DeliverySequencer, SequencerState, late, mean_s};
 
 impl DeliverySequencer {
     /// Looks with nothing on the plateau after which it counts as empty.
@@ -33,7 +34,7 @@ impl DeliverySequencer {
         }
         if !starved && late(now, since, self.config.starvation_s) {
             self.outputs.push(Output::Warning(Warning::Starved(since)));
-            return self.enter(State::Feeding { since, starved: true }, None);
+            return self.enter(SequencerState::Feeding { since, starved: true }, None);
         }
         let Some(frame) = self.frame.clone().filter(|frame| frame.stamp > since && self.fed_frame < Some(frame.stamp))
         else {
@@ -90,19 +91,19 @@ impl DeliverySequencer {
             return false;
         };
         let empty = if frame.candidates.is_empty() { empty + 1 } else { 0 };
-        self.state = State::Purging { since, deadline, empty, seen: Some(frame.stamp) };
+        self.state = SequencerState::Purging { since, deadline, empty, seen: Some(frame.stamp) };
         empty >= Self::EMPTY_LOOKS && self.end_purge(Ok(()))
     }
 
     pub(super) fn end_purge(&mut self, result: Result<(), String>) -> bool {
         self.outputs.push(Output::Purged(result));
-        self.enter(State::Idle, None)
+        self.enter(SequencerState::Idle, None)
     }
 
     pub(super) fn stopping(&mut self, now: Stamp, since: Stamp) -> bool {
         let stopped = self.rest_since.is_some() && self.courier.is_some_and(|report| report.stamp >= since);
         if stopped {
-            return self.enter(State::Settling, None);
+            return self.enter(SequencerState::Settling, None);
         }
         late(now, since, self.config.stop_timeout_s) && self.fail(now, Failure::DidNotStop)
     }
@@ -111,7 +112,7 @@ impl DeliverySequencer {
         match self.rest_since {
             None => self.stop(now),
             Some(rest_since) if now >= rest_since + self.config.settle() => {
-                self.enter(State::Looking { since: now, rest_since, seen: None, looks: 0 }, None)
+                self.enter(SequencerState::Looking { since: now, rest_since, seen: None, looks: 0 }, None)
             }
             Some(_) => false,
         }
@@ -142,9 +143,9 @@ impl DeliverySequencer {
         }
         if looks + 1 >= self.config.looks {
             self.drift.start();
-            return self.enter(State::Feeding { since: now, starved: false }, self.expected(now));
+            return self.enter(SequencerState::Feeding { since: now, starved: false }, self.expected(now));
         }
-        self.state = State::Looking { since, rest_since, seen: Some(frame.stamp), looks: looks + 1 };
+        self.state = SequencerState::Looking { since, rest_since, seen: Some(frame.stamp), looks: looks + 1 };
         true
     }
 
@@ -171,6 +172,6 @@ impl DeliverySequencer {
         self.feed(false);
         self.stopped = Some(now);
         let expected = self.queue.front().map(|_| now + Duration::from_secs_f64(self.overheads.stop_s));
-        self.enter(State::Stopping { since: now }, expected)
+        self.enter(SequencerState::Stopping { since: now }, expected)
     }
 }

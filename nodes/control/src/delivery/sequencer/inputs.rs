@@ -6,11 +6,9 @@ use std::time::Duration;
 use nalgebra::Vector2;
 
 use super::super::choice::{CandidateFrame, courier_under};
-use super::super::protocol::{
-    CourierReport, DeliveryId, DeliveryRequest, Failure, HandOver, LeaseAnswer, MoveId, Output, Refusal, ReserveId,
-    Stamp, Warning,
-};
-use super::{Delivery, DeliverySequencer, State};
+use super::super::protocol::{CourierReport, Failure, HandOver, Output, Refusal, Warning};
+use super::super::request::{DeliveryId, DeliveryRequest, LeaseAnswer, MoveId, ReserveId, Stamp};
+use super::{Delivery, DeliverySequencer, SequencerState};
 
 impl DeliverySequencer {
     /// Takes a request that came at `now`.
@@ -18,7 +16,7 @@ impl DeliverySequencer {
     /// # Errors
     /// A station that is unknown or out of reach, a tolerance that cannot be promised, or a planner in fault.
     pub fn request(&mut self, now: Stamp, request: DeliveryRequest) -> Result<DeliveryId, Refusal> {
-        if let State::Fault { reason } = &self.state {
+        if let SequencerState::Fault { reason } = &self.state {
             return Err(Refusal::Fault(reason.clone()));
         }
         let Some(&station_m) = self.config.stations_m.get(&request.station) else {
@@ -69,7 +67,7 @@ impl DeliverySequencer {
     /// # Errors
     /// The delivery does not wait for such a report: first the part is taken or not, then the feeder is released.
     pub fn report_hand_over(&mut self, id: DeliveryId, report: HandOver) -> Result<(), Refusal> {
-        let State::Presented { stops, taken, .. } = &self.state else { return Err(Refusal::NotPresented(id)) };
+        let SequencerState::Presented { stops, taken, .. } = &self.state else { return Err(Refusal::NotPresented(id)) };
         let first_came = taken.is_some() || !self.hand_over.is_empty();
         let expected = first_came == (report == HandOver::Released);
         if !(expected && stops.front().is_some_and(|planned| planned.stop.id == id)) {
@@ -86,11 +84,11 @@ impl DeliverySequencer {
     pub fn purge(&mut self, now: Stamp, timeout: Duration) -> Result<(), Refusal> {
         self.check_free()?;
         let there = self.courier.is_some_and(|report| self.at_feeding_place(&report));
-        if !(matches!(self.state, State::Idle) && there) {
+        if !(matches!(self.state, SequencerState::Idle) && there) {
             return Err(Refusal::NotIdle(self.phase()));
         }
         let deadline = now.saturating_add(timeout);
-        self.enter(State::Purging { since: now, deadline, empty: 0, seen: None }, None);
+        self.enter(SequencerState::Purging { since: now, deadline, empty: 0, seen: None }, None);
         Ok(())
     }
 
@@ -100,7 +98,7 @@ impl DeliverySequencer {
     /// Deliveries are open, or the planner is in fault.
     pub fn check_free(&self) -> Result<(), Refusal> {
         match (&self.state, self.queue.len()) {
-            (State::Fault { reason }, _) => Err(Refusal::Fault(reason.clone())),
+            (SequencerState::Fault { reason }, _) => Err(Refusal::Fault(reason.clone())),
             (_, 0) => Ok(()),
             (_, open) => Err(Refusal::Busy(open)),
         }
@@ -136,14 +134,14 @@ impl DeliverySequencer {
     pub fn area_answered(&mut self, id: ReserveId, answer: LeaseAnswer) {
         if let Some(reason) = self.leases.answered(id, answer, &mut self.outputs) {
             self.outputs.push(Output::Warning(Warning::NoParking(reason.clone())));
-            self.enter(State::Fault { reason: Warning::NoParking(reason).to_string() }, None);
+            self.enter(SequencerState::Fault { reason: Warning::NoParking(reason).to_string() }, None);
         }
     }
 
     /// Leaves the fault.
     pub fn reset(&mut self) {
-        if matches!(self.state, State::Fault { .. }) {
-            self.enter(State::Idle, None);
+        if matches!(self.state, SequencerState::Fault { .. }) {
+            self.enter(SequencerState::Idle, None);
         }
     }
 }

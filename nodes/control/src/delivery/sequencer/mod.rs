@@ -13,10 +13,9 @@ use super::choice::{CandidateFrame, Choice, fitting};
 use super::config::DeliveryConfig;
 use super::drift::Drift;
 use super::leases::Leases;
-use super::plan::MovePlanner;
-use super::protocol::{
-    CourierReport, Delivered, DeliveryId, DeliveryRequest, Failure, HandOver, MoveId, Output, Phase, Stamp, Warning,
-};
+use super::planner::MovePlanner;
+use super::protocol::{CourierReport, Delivered, Failure, HandOver, Output, Phase, Warning};
+use super::request::{DeliveryId, DeliveryRequest, MoveId, Stamp};
 use super::tour::{Open, Overheads, Stop};
 use crate::courier::CourierLimits;
 use crate::platen::Area;
@@ -42,7 +41,7 @@ struct Planned {
 }
 
 #[derive(Clone, Debug)]
-enum State {
+enum SequencerState {
     Idle,
     Feeding { since: Stamp, starved: bool },
     Purging { since: Stamp, deadline: Stamp, empty: u32, seen: Option<Stamp> },
@@ -58,7 +57,7 @@ enum State {
     Fault { reason: String },
 }
 
-impl State {
+impl SequencerState {
     /// The delivery that the courier is out for, or about to leave for.
     fn stop(&self) -> Option<&Stop> {
         match self {
@@ -80,7 +79,7 @@ impl State {
 pub struct DeliverySequencer {
     config: DeliveryConfig,
     planner: MovePlanner,
-    state: State,
+    state: SequencerState,
     /// Open requests, oldest first.
     queue: VecDeque<Delivery>,
     deliveries: u64,
@@ -134,7 +133,7 @@ impl DeliverySequencer {
             overheads: Overheads { stop_s: 0.6, hand_over_s: 0.7 },
             config,
             planner,
-            state: State::Idle,
+            state: SequencerState::Idle,
             queue: VecDeque::new(),
             deliveries: 0,
             moves: 0,
@@ -155,31 +154,31 @@ impl DeliverySequencer {
     #[must_use]
     pub fn phase(&self) -> Phase {
         match self.state {
-            State::Idle => Phase::Idle,
-            State::Feeding { .. } => Phase::Feeding,
-            State::Purging { .. } => Phase::Purging,
-            State::Stopping { .. } => Phase::Stopping,
-            State::Settling => Phase::Settling,
-            State::Looking { .. } | State::Checking { .. } => Phase::Looking,
-            State::Reserving { .. } => Phase::Reserving,
-            State::Moving { .. } => Phase::Moving,
-            State::Presented { .. } => Phase::Presented,
-            State::ToReturn { .. } | State::Returning { .. } => Phase::Returning,
-            State::Fault { .. } => Phase::Fault,
+            SequencerState::Idle => Phase::Idle,
+            SequencerState::Feeding { .. } => Phase::Feeding,
+            SequencerState::Purging { .. } => Phase::Purging,
+            SequencerState::Stopping { .. } => Phase::Stopping,
+            SequencerState::Settling => Phase::Settling,
+            SequencerState::Looking { .. } | SequencerState::Checking { .. } => Phase::Looking,
+            SequencerState::Reserving { .. } => Phase::Reserving,
+            SequencerState::Moving { .. } => Phase::Moving,
+            SequencerState::Presented { .. } => Phase::Presented,
+            SequencerState::ToReturn { .. } | SequencerState::Returning { .. } => Phase::Returning,
+            SequencerState::Fault { .. } => Phase::Fault,
         }
     }
 
     /// Whether no fitting part has come for the starvation time: nothing is broken, but parts are needed.
     #[must_use]
     pub fn is_starved(&self) -> bool {
-        matches!(self.state, State::Feeding { starved: true, .. })
+        matches!(self.state, SequencerState::Feeding { starved: true, .. })
     }
 
     /// Why the planner is in fault, if it is.
     #[must_use]
     pub fn fault(&self) -> Option<&str> {
         match &self.state {
-            State::Fault { reason } => Some(reason),
+            SequencerState::Fault { reason } => Some(reason),
             _ => None,
         }
     }
@@ -205,7 +204,7 @@ impl DeliverySequencer {
             .collect();
         for id in expired {
             // A part under the tool may be being taken: only the hand-over's own time ends that.
-            let presented = matches!(self.state, State::Presented { .. });
+            let presented = matches!(self.state, SequencerState::Presented { .. });
             if !(presented && self.state.stop().is_some_and(|stop| stop.id == id)) {
                 self.give_up(now, id, Failure::TimedOut(self.phase()));
             }
@@ -219,29 +218,33 @@ impl DeliverySequencer {
         if let Some(reason) = self.feed_refusal.take() {
             self.feed_on = None;
             match self.state {
-                State::Feeding { .. } | State::Stopping { .. } => {
+                SequencerState::Feeding { .. } | SequencerState::Stopping { .. } => {
                     return self.fail(now, Failure::FeedRefused(reason));
                 }
-                State::Purging { .. } => return self.end_purge(Err(reason)),
+                SequencerState::Purging { .. } => return self.end_purge(Err(reason)),
                 _ => self.outputs.push(Output::Warning(Warning::FeedRefused(reason))),
             }
         }
         match self.state.clone() {
-            State::Idle => self.idle(now),
-            State::Feeding { since, starved } => self.feeding(now, since, starved),
-            State::Purging { since, deadline, empty, seen } => self.purging(now, since, deadline, empty, seen),
-            State::Stopping { since } => self.stopping(now, since),
-            State::Settling => self.settling(now),
-            State::Looking { since, rest_since, seen, looks } => self.looking(now, since, rest_since, seen, looks),
-            State::Reserving { stops } => self.reserving(now, stops),
-            State::Moving { stops, id, deadline, ended } => self.moving(now, stops, id, deadline, ended),
-            State::Checking { stops, since } => self.checking(now, stops, since),
-            State::Presented { stops, delivered, since, deadline, taken } => {
+            SequencerState::Idle => self.idle(now),
+            SequencerState::Feeding { since, starved } => self.feeding(now, since, starved),
+            SequencerState::Purging { since, deadline, empty, seen } => self.purging(now, since, deadline, empty, seen),
+            SequencerState::Stopping { since } => self.stopping(now, since),
+            SequencerState::Settling => self.settling(now),
+            SequencerState::Looking { since, rest_since, seen, looks } => {
+                self.looking(now, since, rest_since, seen, looks)
+            }
+            SequencerState::Reserving { stops } => self.reserving(now, stops),
+            SequencerState::Moving { stops, id, deadline, ended } => self.moving(now, stops, id, deadline, ended),
+            SequencerState::Checking { stops, since } => self.checking(now, stops, since),
+            SequencerState::Presented { stops, delivered, since, deadline, taken } => {
                 self.presented(now, stops, delivered, since, deadline, taken)
             }
-            State::ToReturn { not_before, failures } => self.try_to_return(now, not_before, failures),
-            State::Returning { id, deadline, ended, failures } => self.returning(now, id, deadline, ended, failures),
-            State::Fault { reason } => {
+            SequencerState::ToReturn { not_before, failures } => self.try_to_return(now, not_before, failures),
+            SequencerState::Returning { id, deadline, ended, failures } => {
+                self.returning(now, id, deadline, ended, failures)
+            }
+            SequencerState::Fault { reason } => {
                 let open = !self.queue.is_empty();
                 for delivery in std::mem::take(&mut self.queue) {
                     self.outputs.push(Output::Finished(delivery.id, Err(Failure::Fault(reason.clone()))));
@@ -263,29 +266,29 @@ impl DeliverySequencer {
         let stop = self.state.stop().map(|stop| stop.id);
         match stop.or_else(|| self.queue.front().map(|delivery| delivery.id)) {
             Some(id) => self.finish(now, id, Err(failure)),
-            None => self.enter(State::Idle, None),
+            None => self.enter(SequencerState::Idle, None),
         }
     }
 
     /// Ends an open delivery and goes on to what follows from where the courier is.
     fn finish(&mut self, now: Stamp, id: DeliveryId, result: Result<Delivered, Failure>) -> bool {
-        if let State::Moving { id, ended: false, .. } = self.state
+        if let SequencerState::Moving { id, ended: false, .. } = self.state
             && !matches!(result, Err(Failure::Move(_)))
         {
             self.outputs.push(Output::CancelMove(id));
         }
         self.close(id, result);
         match self.state.clone() {
-            State::Presented { mut stops, .. } => {
+            SequencerState::Presented { mut stops, .. } => {
                 stops.pop_front();
                 self.next_stop(now, stops)
             }
-            State::Moving { .. } | State::Checking { .. } => self.go_back(now),
-            State::Reserving { .. } => {
+            SequencerState::Moving { .. } | SequencerState::Checking { .. } => self.go_back(now),
+            SequencerState::Reserving { .. } => {
                 self.leases.end_trip(&mut self.outputs);
-                self.enter(State::Idle, None)
+                self.enter(SequencerState::Idle, None)
             }
-            _ => self.enter(State::Idle, None),
+            _ => self.enter(SequencerState::Idle, None),
         }
     }
 
@@ -302,7 +305,7 @@ impl DeliverySequencer {
         if !self.queue.iter().any(|delivery| delivery.id == id) {
             return false;
         }
-        let taken = matches!(self.state, State::Presented { taken: Some(true), .. });
+        let taken = matches!(self.state, SequencerState::Presented { taken: Some(true), .. });
         match (self.state.stop().is_some_and(|stop| stop.id == id), taken) {
             (true, true) => return false,
             (true, false) => drop(self.finish(now, id, Err(failure))),
@@ -310,7 +313,7 @@ impl DeliverySequencer {
                 let feeds_for_it = self.queue.len() == 1 && !matches!(self.phase(), Phase::Returning | Phase::Fault);
                 self.close(id, Err(failure));
                 if feeds_for_it && self.state.stop().is_none() {
-                    self.enter(State::Idle, None);
+                    self.enter(SequencerState::Idle, None);
                 }
             }
         }
@@ -332,7 +335,7 @@ impl DeliverySequencer {
     }
 
     /// Whether a candidate fits any open request.
-    fn is_wanted(&self, candidate: &super::choice::Candidate) -> bool {
+    fn is_wanted(&self, candidate: &super::choice::OfferedPart) -> bool {
         let fits = |delivery: &Delivery| -> Option<Choice> {
             fitting(candidate, Stamp::ZERO, &delivery.request, &delivery.station_m, &self.config, &self.planner)
         };
@@ -356,7 +359,7 @@ impl DeliverySequencer {
     }
 
     /// Enters a state and tells its phase.
-    fn enter(&mut self, state: State, presented_at: Option<Stamp>) -> bool {
+    fn enter(&mut self, state: SequencerState, presented_at: Option<Stamp>) -> bool {
         self.state = state;
         let phase = self.phase();
         let delivery = self.state.stop().map(|stop| stop.id);

@@ -10,7 +10,7 @@ use feeder_control::courier::control::ControlParameters;
 use feeder_control::courier::{CourierConfig, LearningParameters};
 use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_model::mechanics::Friction;
-use feeder_model::mechanics::slope::Track;
+use feeder_model::mechanics::slope::LinearTrack;
 use feeder_model::waveform::Waveform;
 use feeder_scenario::{SimulatedCourier, assumed_motor};
 
@@ -109,7 +109,7 @@ fn controllers() -> Vec<(String, SimulatedCourier)> {
 pub(crate) fn run(figure: Figure, args: &Args) -> Result<()> {
     let waveform = figure.waveform()?;
     let friction = Friction::uniform(args.mu)?;
-    let ideal = Track::new(friction, 0.0, STANDARD_GRAVITY_M_S2)?.drive(&waveform, 1.0)?;
+    let ideal = LinearTrack::new(friction, 0.0, STANDARD_GRAVITY_M_S2)?.drive(&waveform, 1.0)?;
     let ideal_mm_s = ideal.steady().map_or(f64::NAN, |steady| steady.feed_m_s * 1e3);
     println!("{}, μ {}", figure.title(), args.mu);
     println!(

@@ -11,7 +11,7 @@ use anyhow::{Context, Result};
 use clap::Args as ClapArgs;
 use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_model::mechanics::Friction;
-use feeder_model::mechanics::slope::{Drive, Track};
+use feeder_model::mechanics::slope::{Drive, LinearTrack};
 use feeder_model::waveform::Waveform;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -60,7 +60,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 
 /// A waveform on a straight track.
 fn drive(waveform: &Waveform, mu: f64, slope_deg: f64) -> Result<Drive> {
-    let track = Track::new(Friction::uniform(mu)?, slope_deg.to_radians(), STANDARD_GRAVITY_M_S2)?;
+    let track = LinearTrack::new(Friction::uniform(mu)?, slope_deg.to_radians(), STANDARD_GRAVITY_M_S2)?;
     Ok(track.drive(waveform, 1.0)?)
 }
 

@@ -69,7 +69,7 @@ pub(crate) struct Args {
 }
 
 #[derive(Debug, Serialize)]
-struct Report {
+struct TrayReport {
     /// The paper's tray and waveform with the nominal friction, queued.
     paper: Flow,
     nominal: Vec<Point>,
@@ -99,7 +99,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let paper = paper_flow(&nominal_goal, friction.mu)?;
     let bar = ProgressBar::new(2 * BAR_STEPS * u64::try_from(args.spacing.len())?);
     bar.set_style(ProgressStyle::with_template("{msg:>24} [{bar:40}] {percent} % {eta}")?.progress_chars("=> "));
-    let report = Report {
+    let report = TrayReport {
         nominal: front(&nominal_goal, "nominal", args, &paper, &bar)?,
         robust: front(&robust_goal, "robust", args, &paper, &bar)?,
         paper,
@@ -188,7 +188,7 @@ fn measured_spacing(goal: &TrayGoal, design: &DesignedTray) -> Result<Option<f64
     Ok(Some(least))
 }
 
-fn write(folder: &Path, report: &Report) -> Result<()> {
+fn write(folder: &Path, report: &TrayReport) -> Result<()> {
     create_folder(folder)?;
     let mut series = Vec::new();
     for (name, points) in [("nominal", &report.nominal), ("robust", &report.robust)] {

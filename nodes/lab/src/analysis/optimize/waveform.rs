@@ -47,7 +47,7 @@ pub(crate) struct Args {
 }
 
 #[derive(Debug, Serialize)]
-struct Report {
+struct WaveformReport {
     nominal: Option<Rated>,
     robust: Option<Rated>,
 }
@@ -91,7 +91,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         let designed = goal.best(args.search.segments, args.search.effort())?;
         Ok(designed.map(|designed| rated(designed, goal.frictions)))
     };
-    let report = Report { nominal: best(vec![args.friction.mu])?, robust: best(args.friction.robust()?)? };
+    let report = WaveformReport { nominal: best(vec![args.friction.mu])?, robust: best(args.friction.robust()?)? };
     if let Some(folder) = &args.search.out {
         create_folder(folder)?;
         for (name, rated) in [("nominal", &report.nominal), ("robust", &report.robust)] {

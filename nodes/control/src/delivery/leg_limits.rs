@@ -2,12 +2,14 @@
 
 use nalgebra::{Rotation2, Vector2, Vector3};
 
-use super::hold::holding_acceleration_m_s2;
-use super::plan::{GentleParameters, MovePlanner, PlanError};
+use super::gentle::GentleParameters;
+use super::holding::holding_acceleration_m_s2;
+use super::plan_error::PlanError;
+use super::planner::MovePlanner;
 
 /// What friction, motor and vibration-free tracking allow along a straight leg, in terms of its length.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Held {
+pub(super) struct LegLimits {
     /// Acceleration along the leg at which every part is held, m/s².
     pub(super) speeding_m_s2: f64,
     /// The same for braking.
@@ -27,14 +29,14 @@ impl MovePlanner {
         &self,
         yaw_rad: f64,
         turn_rad: f64,
-        before: &(Vector3<f64>, f64, Held),
-        after: &(Vector3<f64>, f64, Held),
+        before: &(Vector3<f64>, f64, LegLimits),
+        after: &(Vector3<f64>, f64, LegLimits),
         protected_in_tray: &[Vector2<f64>],
     ) -> Result<f64, PlanError> {
         if turn_rad.abs() > 0.0 {
             return Ok(0.5);
         }
-        let along = |(step, length_m, _): &(Vector3<f64>, f64, Held)| step.xy() / *length_m;
+        let along = |(step, length_m, _): &(Vector3<f64>, f64, LegLimits)| step.xy() / *length_m;
         let motor_m_s2 = self.by_motor_m_s2();
         let sum = along(after) * after.2.speeding_m_s2.min(motor_m_s2)
             - along(before) * before.2.braking_m_s2.min(motor_m_s2);
@@ -54,9 +56,9 @@ impl MovePlanner {
         step: &Vector3<f64>,
         length_m: f64,
         protected_in_tray: &[Vector2<f64>],
-    ) -> Result<Held, PlanError> {
+    ) -> Result<LegLimits, PlanError> {
         let turns = step.z.abs() > 0.0;
-        let mut held = Held {
+        let mut held = LegLimits {
             speeding_m_s2: f64::INFINITY,
             braking_m_s2: f64::INFINITY,
             speed_m_s: self.limits.speed_m_s_max,

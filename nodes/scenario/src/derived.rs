@@ -1,0 +1,82 @@
+//! What follows from a scenario: each value that several nodes need, derived in one place from the one that owns it.
+
+use feeder_control::courier::CourierConfig;
+use feeder_model::motor::Load;
+use feeder_model::part::PartType;
+use feeder_model::waveform::Waveform;
+use feeder_sim::camera::Scene;
+use feeder_vision::SelectorConfig;
+
+use crate::plan::SimulatedCamera;
+use crate::{Scenario, ScenarioError, invalid};
+
+impl Scenario {
+    /// The waveform that feeds.
+    ///
+    /// # Errors
+    /// A parameter out of its range.
+    pub fn waveform(&self) -> Result<Waveform, ScenarioError> {
+        let friction = self.believed_friction(&self.part_type()?);
+        self.waveform.design(&self.tray.geometry, friction).map_err(|error| invalid("waveform", &error))
+    }
+
+    /// The friction that moves reckon with: the part's own, unless the scenario says that control believes another.
+    #[must_use]
+    pub fn believed_friction(&self, part: &PartType) -> f64 {
+        self.believed.part_friction.unwrap_or(part.friction.static_coefficient())
+    }
+
+    /// What the driver is set up with, with the load that the tray carries.
+    #[must_use]
+    pub fn courier(&self, part: &PartType) -> CourierConfig {
+        CourierConfig { load: self.load(part), ..self.courier }
+    }
+
+    /// What the tray carries: the load that the scenario states and the parts, spread evenly over the path. As many are
+    /// reckoned with as are there at the start, or as the hopper keeps there.
+    #[must_use]
+    pub fn load(&self, part: &PartType) -> Load {
+        let loaded = u64::from(self.parts_loaded) + self.parts_placed.len() as u64;
+        let parts_kg = loaded.max(self.refill_below.into()) as f64 * part.mass_kg;
+        let tray = &self.tray.geometry;
+        let gyration_m2 = 0.5 * (tray.inner_radius_m.powi(2) + tray.outer_radius_m.powi(2));
+        Load {
+            mass_kg: self.courier.load.mass_kg + parts_kg,
+            inertia_kg_m2: self.courier.load.inertia_kg_m2 + parts_kg * gyration_m2,
+        }
+    }
+
+    /// The camera as it is simulated.
+    #[must_use]
+    pub fn simulated_camera(&self) -> SimulatedCamera {
+        SimulatedCamera {
+            period_ms: self.camera.period_ms,
+            jpeg_quality: self.camera.jpeg_quality,
+            model: self.camera.model.clone(),
+            tray: self.world.tray,
+            light: self.world.light,
+            sensor: self.world.sensor,
+        }
+    }
+
+    /// What the camera sees.
+    #[must_use]
+    pub fn scene(&self, part: &PartType) -> Scene {
+        self.simulated_camera().scene(self.tray, part)
+    }
+
+    /// The selector's parameters, with the wanted poses of the part.
+    #[must_use]
+    pub fn selector(&self, part: &PartType) -> SelectorConfig {
+        SelectorConfig { wanted_poses: part.wanted_poses.clone(), ..self.selector.clone() }
+    }
+
+    /// The pose that the manipulators ask for: the first wanted one that the recipe in force at the start has, or else the
+    /// first that it has.
+    pub(crate) fn asked_pose(&self, part: &PartType) -> String {
+        let recipes = self.recipes(part);
+        let poses = recipes.first().map_or(&[][..], |recipe| &recipe.pose_classes);
+        let wanted = part.wanted_pose_names().find(|wanted| poses.iter().any(|pose| pose == wanted));
+        wanted.or(poses.first().map(String::as_str)).unwrap_or_default().to_owned()
+    }
+}

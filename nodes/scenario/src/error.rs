@@ -1,0 +1,54 @@
+//! Why a scenario cannot run, and checks that several sections need.
+
+use std::fmt;
+
+/// Why a scenario cannot run.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ScenarioError {
+    /// The text is not a scenario: an unknown key, a wrong type, a missing value.
+    #[error("{0}")]
+    Yaml(String),
+    /// A value is out of its range, or does not go with others.
+    #[error("{section}: {problem}")]
+    Invalid {
+        /// Top-level key.
+        section: &'static str,
+        /// Key, value and allowed range.
+        problem: String,
+    },
+}
+
+/// A complaint about a section.
+pub(crate) fn invalid(section: &'static str, problem: &impl fmt::Display) -> ScenarioError {
+    ScenarioError::Invalid { section, problem: problem.to_string() }
+}
+
+pub(crate) fn check_count(
+    section: &'static str,
+    key: &str,
+    value: u64,
+    min: u64,
+    max: u64,
+) -> Result<(), ScenarioError> {
+    if (min..=max).contains(&value) {
+        return Ok(());
+    }
+    let problem = format!("{key} = {value} is outside its range: {min} to {max}");
+    Err(ScenarioError::Invalid { section, problem })
+}
+
+/// ROS names: a letter, then letters, digits and underscores.
+pub(crate) fn check_name(section: &'static str, name: &str) -> Result<(), ScenarioError> {
+    let mut chars = name.chars();
+    let starts = chars.next().is_some_and(|first| first.is_ascii_alphabetic());
+    if starts && chars.all(|c| c.is_ascii_alphanumeric() || c == '_') {
+        return Ok(());
+    }
+    let problem = format!("name {name:?} is no ROS name, allowed are a letter, then letters, digits and underscores");
+    Err(ScenarioError::Invalid { section, problem })
+}
+
+/// Checks the time between a node's steps.
+pub(crate) fn check_tick(tick_ms: u64) -> Result<(), ScenarioError> {
+    check_count("time", "tick_ms", tick_ms, 1, 100)
+}
