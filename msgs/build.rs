@@ -2,7 +2,7 @@
 
 use std::{env, error::Error, fs, path::Path, process::ExitCode};
 
-use minifactory_msggen::{Catalogue, Source, emit};
+use minifactory_msggen::{Catalogue, DefinitionFile, emit};
 
 const PACKAGE: &str = "minifactory_msgs";
 
@@ -23,8 +23,8 @@ fn generate() -> Result<(), Box<dyn Error>> {
     for folder in ["msg", "srv", "action", "standard"] {
         println!("cargo::rerun-if-changed={folder}");
     }
-    let mut sources = Source::read_package(PACKAGE, root)?;
-    sources.extend(Source::read_packages(&standard)?);
+    let mut sources = DefinitionFile::read_package(PACKAGE, root)?;
+    sources.extend(DefinitionFile::read_packages(&standard)?);
     let catalogue = Catalogue::new(&sources)?;
     let file = Path::new(&env::var("OUT_DIR")?).join("messages.rs");
     fs::write(file, emit(&catalogue, PACKAGE)?)?;

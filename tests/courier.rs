@@ -12,7 +12,7 @@ use feeder_runtime::cdr;
 use feeder_runtime::dds::{Participant, Reader, Writer};
 use feeder_runtime::launch::run_real;
 use feeder_runtime::lockstep::RunError;
-use feeder_runtime::service::{Answer, ServiceClient};
+use feeder_runtime::service::{ServiceCall, ServiceClient};
 use feeder_runtime::testing::TestDomain;
 use feeder_scenario::Scenario;
 use feeder_scenario::plan::CourierDriverConfig;
@@ -124,7 +124,7 @@ fn newest<T>(heard: &Receiver<T>) -> T {
 
 impl Client {
     /// Sends a goal: whether it is accepted, and its result, to be waited for.
-    fn send(&mut self, goal: &FollowJointTrajectoryGoal) -> (bool, Answer<GetResultResponse>) {
+    fn send(&mut self, goal: &FollowJointTrajectoryGoal) -> (bool, ServiceCall<GetResultResponse>) {
         self.goals += 1;
         let id = UUID { uuid: [self.name, self.goals, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1] };
         let response = self.send.call(&(id, goal.clone()).into(), PATIENCE).wait().unwrap();

@@ -42,23 +42,42 @@ struct Package {
     dependencies: BTreeSet<String>,
 }
 
-/// The packages of the workspace with all they need to be built; what their tests use is left out.
-fn packages() -> Vec<Package> {
+/// The packages of the workspace, as cargo tells of them.
+fn metadata() -> Vec<Value> {
     let arguments = ["metadata", "--format-version", "1", "--no-deps", "--offline"];
     let output = Command::new(env!("CARGO")).args(arguments).current_dir(ROOT).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
-    let text = |value: &Value| value.as_str().unwrap().to_owned();
+    let mut metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
+    serde_json::from_value(metadata["packages"].take()).unwrap()
+}
+
+fn text(value: &Value) -> String {
+    value.as_str().unwrap().to_owned()
+}
+
+/// The folder of a package, from the top level.
+fn folder(package: &Value) -> String {
+    let root = Path::new(ROOT).canonicalize().unwrap();
+    let manifest = Path::new(package["manifest_path"].as_str().unwrap()).strip_prefix(root).unwrap();
+    manifest.parent().unwrap().to_str().unwrap().to_owned()
+}
+
+/// Every dependency of every package: the package, its folder with a slash at the end, and what it depends on.
+fn dependencies() -> Vec<(String, String, String)> {
+    let of = |package: Value| {
+        let (name, folder) = (text(&package["name"]), format!("{}/", folder(&package)));
+        let used: Vec<String> =
+            package["dependencies"].as_array().unwrap().iter().map(|used| text(&used["name"])).collect();
+        used.into_iter().map(move |used| (name.clone(), folder.clone(), used))
+    };
+    metadata().into_iter().flat_map(of).collect()
+}
+
+/// The packages of the workspace with all they need to be built; what their tests use is left out.
+fn packages() -> Vec<Package> {
     let package = |package: &Value| Package {
         name: text(&package["name"]),
-        folder: Path::new(package["manifest_path"].as_str().unwrap())
-            .strip_prefix(Path::new(ROOT).canonicalize().unwrap())
-            .unwrap()
-            .parent()
-            .unwrap()
-            .to_str()
-            .unwrap()
-            .to_owned(),
+        folder: folder(package),
         dependencies: package["dependencies"]
             .as_array()
             .unwrap()
@@ -67,7 +86,7 @@ fn packages() -> Vec<Package> {
             .map(|used| text(&used["name"]))
             .collect(),
     };
-    metadata["packages"].as_array().unwrap().iter().map(package).collect()
+    metadata().iter().map(package).collect()
 }
 
 #[test]
@@ -135,7 +154,8 @@ fn no_test_is_left_out() {
     for entry in std::fs::read_dir(tests).unwrap() {
         let path = entry.unwrap().path();
         let name = path.file_stem().unwrap().to_str().unwrap();
-        let is_module = path.extension().is_some_and(|extension| extension == "rs") && name != "suite";
+        let is_file = path.extension().is_some_and(|extension| extension == "rs") && name != "suite";
+        let is_module = is_file || path.join("mod.rs").exists();
         assert!(!is_module || suite.contains(&format!("\nmod {name};\n")), "suite.rs does not name {name}");
     }
 }
@@ -146,6 +166,53 @@ fn files() -> Vec<String> {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
     text.split_terminator('\0').map(str::to_owned).collect()
+}
+
+/// The source files, each with its text.
+fn sources() -> impl Iterator<Item = (String, String)> {
+    let sources = files().into_iter().filter(|file| file.ends_with(".rs"));
+    // One that is deleted, but not yet in a commit, has no text.
+    sources.filter_map(|file| std::fs::read_to_string(Path::new(ROOT).join(&file)).ok().map(|text| (file, text)))
+}
+
+#[test]
+fn every_module_says_what_it_is() {
+    for (file, text) in sources() {
+        assert!(text.starts_with("//! "), "{file} begins with no //! line");
+    }
+}
+
+#[test]
+fn a_module_with_modules_of_its_own_is_a_mod_rs() {
+    let files: BTreeSet<String> = sources().map(|(file, _)| file).collect();
+    for file in &files {
+        let folder = format!("{}/", file.trim_end_matches(".rs"));
+        let inside = files.range(folder.clone()..).next().filter(|other| other.starts_with(&folder));
+        assert_eq!(inside, None, "{file} lies beside a folder of its name: it must be {folder}mod.rs");
+    }
+}
+
+#[test]
+fn every_dependency_is_used() {
+    // Wanted for a feature of another crate.
+    let unnamed = [
+        ("feeder_lab", "argmin-math"),
+        // In a file of the bags' tests that it shares.
+        ("feeder_bag_transport", "serde"),
+    ];
+    let sources: Vec<(String, String)> = sources().collect();
+    for (package, folder, name) in dependencies() {
+        let used = |(file, text): &&(String, String)| {
+            let is_word = |at: usize, word: &str| {
+                let is_part = |c: char| c.is_alphanumeric() || c == '_';
+                !text[..at].ends_with(is_part) && !text[at + word.len()..].starts_with(is_part)
+            };
+            let word = name.replace('-', "_");
+            file.starts_with(&folder) && text.match_indices(&word).any(|(at, word)| is_word(at, word))
+        };
+        let is_excused = unnamed.contains(&(package.as_str(), name.as_str()));
+        assert_ne!(sources.iter().any(|source| used(&source)), is_excused, "{package} and its dependency on {name}");
+    }
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use minifactory_msggen::{Catalogue, Error, Namespace, Problem, Source, TypeName};
+use minifactory_msggen::{Catalogue, DefinitionFile, Error, PackageFolder, Problem, TypeName};
 use minifactory_msgs::{Message, MessageVisitor, TypeInfo, visit_messages};
 
 /// The variable that names where ROS packages are installed, with colons between.
@@ -81,27 +81,27 @@ impl Definitions {
     }
 
     /// The file that defines `name`, from the first prefix that has it; the project's own text where none has.
-    fn source(&self, name: &TypeName) -> Result<Option<Source>, String> {
+    fn source(&self, name: &TypeName) -> Result<Option<DefinitionFile>, String> {
         let namespace = name.namespace.as_str();
         // What ROS derives from a service or action stands in the file of that.
         let base =
-            if name.namespace == Namespace::Msg { &*name.name } else { name.name.split('_').next().unwrap_or("") };
+            if name.namespace == PackageFolder::Msg { &*name.name } else { name.name.split('_').next().unwrap_or("") };
         for prefix in &self.prefixes {
             let file = prefix.join("share").join(&name.package).join(namespace).join(format!("{base}.{namespace}"));
             match std::fs::read_to_string(&file) {
                 Ok(text) => {
                     let (package, name) = (name.package.clone(), base.to_owned());
-                    let namespace = parse_namespace(namespace).unwrap_or(Namespace::Msg);
-                    return Ok(Some(Source { package, namespace, name, file, text }));
+                    let namespace = parse_namespace(namespace).unwrap_or(PackageFolder::Msg);
+                    return Ok(Some(DefinitionFile { package, namespace, name, file, text }));
                 }
                 Err(error) if error.kind() == std::io::ErrorKind::NotFound => {}
                 Err(error) => return Err(format!("{}: {error}", file.display())),
             }
         }
-        let known = self.built_in.get(&name.to_string()).filter(|_| name.namespace == Namespace::Msg);
-        Ok(known.map(|info| Source {
+        let known = self.built_in.get(&name.to_string()).filter(|_| name.namespace == PackageFolder::Msg);
+        Ok(known.map(|info| DefinitionFile {
             package: name.package.clone(),
-            namespace: Namespace::Msg,
+            namespace: PackageFolder::Msg,
             name: name.name.clone(),
             file: PathBuf::from(name.to_string()),
             text: info.definition.split("=".repeat(80).as_str()).next().unwrap_or_default().to_owned(),
@@ -121,8 +121,8 @@ pub(crate) fn parse_type(ros_type: &str) -> Option<TypeName> {
     Some(TypeName { package: package.to_owned(), namespace, name: name.to_owned() })
 }
 
-fn parse_namespace(text: &str) -> Option<Namespace> {
-    Namespace::ALL.into_iter().find(|namespace| namespace.as_str() == text)
+fn parse_namespace(text: &str) -> Option<PackageFolder> {
+    PackageFolder::ALL.into_iter().find(|namespace| namespace.as_str() == text)
 }
 
 /// The name that ROS gives a type in DDS, `package::msg::dds_::Name_`.

@@ -7,7 +7,7 @@ use sha2::{Digest as _, Sha256};
 
 use crate::cdr::{Leaf, MessageType};
 use crate::error::{BagError, Seconds};
-use crate::read::{Bag, Message, Messages, Query, Topic};
+use crate::read::{Bag, Messages, Query, RecordedMessage, Topic};
 use crate::selection::Selection;
 
 /// What counts as the same.
@@ -174,7 +174,12 @@ fn first_difference(
     }
 }
 
-fn compare(a: &Message, b: &Message, types: &[Option<MessageType>; 2], settings: &DiffSettings) -> Option<String> {
+fn compare(
+    a: &RecordedMessage,
+    b: &RecordedMessage,
+    types: &[Option<MessageType>; 2],
+    settings: &DiffSettings,
+) -> Option<String> {
     if !settings.ignore_time && a.log_ns != b.log_ns {
         return Some(format!("time {} against {}", Seconds(a.log_ns), Seconds(b.log_ns)));
     }
@@ -242,7 +247,7 @@ impl OwnedLeaf {
     }
 }
 
-fn leaves(message: &Message, ty: Option<&MessageType>) -> Option<Vec<OwnedLeaf>> {
+fn leaves(message: &RecordedMessage, ty: Option<&MessageType>) -> Option<Vec<OwnedLeaf>> {
     let mut leaves = Vec::new();
     ty?.walk(&message.data, &mut |path, leaf| leaves.push(OwnedLeaf::new(path, leaf))).ok()?;
     Some(leaves)

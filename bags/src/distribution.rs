@@ -1,3 +1,5 @@
+//! The distributions of ROS 2 whose tools a bag is written for, and what their versions of `metadata.yaml` differ in.
+
 use std::fmt;
 use std::str::FromStr;
 

@@ -22,6 +22,6 @@ mod write;
 pub use definition::{Definition, Definitions, dds_type, ros_type};
 pub use distribution::Distribution;
 pub use error::{BagError, Seconds};
-pub use read::{Bag, BagFile, CHUNK_BYTES_MAX, Message, Messages, Query, RECORD_BYTES_MAX, Topic};
+pub use read::{Bag, BagFile, CHUNK_BYTES_MAX, Messages, Query, RECORD_BYTES_MAX, RecordedMessage, Topic};
 pub use selection::Selection;
 pub use write::{BagWriter, Compression, NewAttachment, NewTopic, WriteSettings};

@@ -1,3 +1,5 @@
+//! Which topics of a bag or of a run are meant.
+
 use regex::Regex;
 
 /// Which topics are meant. Without any positive choice: all that are not hidden.

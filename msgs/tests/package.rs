@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeSet, fs, path::Path};
 
-use minifactory_msggen::{Arity, Catalogue, Element, Role, Source};
+use minifactory_msggen::{Arity, Catalogue, DefinitionFile, Element, Role};
 
 const PACKAGE: &str = "minifactory_msgs";
 
@@ -10,13 +10,13 @@ fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-fn own() -> Vec<Source> {
-    Source::read_package(PACKAGE, root()).expect("own definitions")
+fn own() -> Vec<DefinitionFile> {
+    DefinitionFile::read_package(PACKAGE, root()).expect("own definitions")
 }
 
 fn catalogue() -> Catalogue {
     let mut sources = own();
-    sources.extend(Source::read_packages(&root().join("standard")).expect("standard definitions"));
+    sources.extend(DefinitionFile::read_packages(&root().join("standard")).expect("standard definitions"));
     Catalogue::new(&sources).expect("valid definitions")
 }
 
@@ -82,7 +82,7 @@ fn every_field_and_constant_of_our_own_is_explained() {
 
 #[test]
 fn standard_definitions_state_facts_only() {
-    for source in Source::read_packages(&root().join("standard")).expect("standard definitions") {
+    for source in DefinitionFile::read_packages(&root().join("standard")).expect("standard definitions") {
         assert!(!source.text.contains('#'), "{} has comments", source.file.display());
     }
     // Large arrays exist, so that their special treatment is under test.

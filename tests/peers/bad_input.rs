@@ -1,3 +1,5 @@
+//! Requests, goals and parameters that make no sense: refused, counted, and nobody dies of them.
+
 use std::sync::mpsc::{Receiver, channel};
 
 use feeder_runtime::dds::{NodeName, Participant, Reader};

@@ -1,3 +1,5 @@
+//! What commands of the ros2 CLI get, byte for byte.
+
 use std::collections::BTreeSet;
 
 use super::echo::EchoNode;

@@ -1,3 +1,5 @@
+//! Goals: whose they are, and how long their results can be asked for.
+
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 

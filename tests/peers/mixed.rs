@@ -1,3 +1,5 @@
+//! Peers of both wire forms at once, each getting its own answers.
+
 use minifactory_msgs::Action;
 use minifactory_msgs::action::{DeliverPart, DeliverPartGoal};
 use minifactory_msgs::action_msgs::msg::GoalStatus;

@@ -10,7 +10,7 @@ use mcap::records::{self, Channel, Record, op};
 
 use super::chunk::{MESSAGE_HEAD_BYTES, MessageHead, RECORD_HEAD_BYTES, record_head, records as records_in, unpack};
 use super::schema::Schema;
-use super::window::Window;
+use super::window::FileWindow;
 use super::{
     CHUNK_BYTES_MAX, DESCRIPTION_BYTES_MAX, PARTS_MAX, PROBLEMS_MAX, PROBLEMS_PER_CHUNK, RECORD_BYTES_MAX, Topic,
     summary,
@@ -24,7 +24,7 @@ const CHUNK_HEAD_BYTES: usize = 8 + 8 + 8 + 4 + 4 + 4 + 8;
 
 /// A part of a file that holds messages: a chunk, or records outside of chunks.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Segment {
+pub(super) struct FileSegment {
     pub(super) offset: u64,
     pub(super) length: u64,
     pub(super) start_ns: u64,
@@ -42,7 +42,7 @@ pub(crate) struct McapFile {
     schemas: BTreeMap<u16, Schema>,
     pub(super) channels: BTreeMap<u16, Channel>,
     pub(super) counts: BTreeMap<u16, u64>,
-    pub(super) segments: Vec<Segment>,
+    pub(super) segments: Vec<FileSegment>,
     pub(super) compressions: BTreeSet<String>,
     /// Name, and where the record begins.
     pub(super) attachments: Vec<(String, u64)>,
@@ -154,7 +154,7 @@ impl McapFile {
     }
 
     /// The records of a segment; those of a chunk are unpacked.
-    pub(super) fn unpacked(&self, segment: &Segment) -> Result<Bytes, BagError> {
+    pub(super) fn unpacked(&self, segment: &FileSegment) -> Result<Bytes, BagError> {
         if segment.is_chunk {
             let content = self.content_at(segment.offset, CHUNK_BYTES_MAX)?;
             unpack(&content).map_err(|reason| BagError::damaged(&self.path, segment.offset, reason))
@@ -203,9 +203,9 @@ impl McapFile {
     }
 
     /// Walks from record to record and notes where things lie. Says whether the whole file could be walked through.
-    fn walk(&mut self, summary: &summary::Summary, problems: &mut Vec<BagError>) -> Result<bool, BagError> {
+    fn walk(&mut self, summary: &summary::FileSummary, problems: &mut Vec<BagError>) -> Result<bool, BagError> {
         let file = self.file.try_clone().map_err(BagError::io(&self.path))?;
-        let mut window = Window::new(&file, self.length);
+        let mut window = FileWindow::new(&file, self.length);
         let mut at = mcap::MAGIC.len() as u64;
         let mut whole = true;
         while at < self.length {
@@ -243,7 +243,7 @@ impl McapFile {
     }
 
     /// Notes a record whose content has `length` bytes, all within the file.
-    fn note(&mut self, opcode: u8, at: u64, length: u64, window: &mut Window<'_>) -> Result<(), String> {
+    fn note(&mut self, opcode: u8, at: u64, length: u64, window: &mut FileWindow<'_>) -> Result<(), String> {
         let content_at = at + RECORD_HEAD_BYTES as u64;
         let io = |error: std::io::Error| error.to_string();
         if self.segments.len() + self.attachments.len() + self.metadata.len() > PARTS_MAX {
@@ -256,7 +256,7 @@ impl McapFile {
                     chunk_head(head).ok_or("a chunk that is too short for its header")?;
                 self.compressions.insert(compression);
                 let (offset, length) = (at, RECORD_HEAD_BYTES as u64 + length);
-                self.segments.push(Segment { offset, length, start_ns, end_ns, is_chunk: true });
+                self.segments.push(FileSegment { offset, length, start_ns, end_ns, is_chunk: true });
             }
             op::MESSAGE => {
                 let head = MessageHead::parse(window.at(content_at, MESSAGE_HEAD_BYTES).map_err(io)?);
@@ -291,7 +291,7 @@ impl McapFile {
             }
             _ => {
                 let (start_ns, end_ns) = (log_ns, log_ns);
-                self.segments.push(Segment { offset, length, start_ns, end_ns, is_chunk: false });
+                self.segments.push(FileSegment { offset, length, start_ns, end_ns, is_chunk: false });
             }
         }
     }
@@ -320,8 +320,8 @@ impl McapFile {
     fn next_chunk(
         &self,
         after: u64,
-        summary: &summary::Summary,
-        window: &mut Window<'_>,
+        summary: &summary::FileSummary,
+        window: &mut FileWindow<'_>,
     ) -> std::io::Result<Option<u64>> {
         let mut known: Vec<u64> = summary.chunks.iter().map(|chunk| chunk.chunk_start_offset).collect();
         known.sort_unstable();

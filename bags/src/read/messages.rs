@@ -7,13 +7,13 @@ use bytes::Bytes;
 use mcap::records::op;
 
 use super::chunk::{MESSAGE_HEAD_BYTES, MessageHead, records};
-use super::file::Segment;
+use super::file::FileSegment;
 use super::{Bag, PROBLEMS_PER_CHUNK};
 use crate::error::BagError;
 
-/// Unpacked parts of a bag that overlap in time are held together, up to this many bytes. Beyond, messages come in the
+/// Unpacked parts of a bag that overlap in time are kept together, up to this many bytes. Beyond, messages come in the
 /// order of the file.
-const HELD_BYTES_MAX: usize = 512 << 20;
+const OPEN_BYTES_MAX: usize = 512 << 20;
 
 /// Which messages are asked for.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -42,7 +42,7 @@ impl Query {
 
 /// A message of a bag.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Message {
+pub struct RecordedMessage {
     /// Index of its topic in [`Bag::topics`].
     pub topic: usize,
     /// When it was recorded, ns.
@@ -61,17 +61,17 @@ pub struct Messages<'a> {
     query: Query,
     /// Segments to come, the first at the end: file, and number in the file.
     coming: Vec<(usize, usize)>,
-    /// Of each held segment the time of the first message, and where the segment stands in the bag.
+    /// Of each open segment the time of the first message, and where the segment stands in the bag.
     fronts: BinaryHeap<Reverse<(u64, (usize, usize))>>,
-    held: BTreeMap<(usize, usize), Held>,
-    held_bytes: usize,
+    open: BTreeMap<(usize, usize), OpenSegment>,
+    open_bytes: usize,
     errors: VecDeque<BagError>,
     order_lost: bool,
 }
 
-struct Held {
+struct OpenSegment {
     bytes: usize,
-    messages: VecDeque<Message>,
+    messages: VecDeque<RecordedMessage>,
 }
 
 impl<'a> Messages<'a> {
@@ -91,29 +91,29 @@ impl<'a> Messages<'a> {
             query: query.clone(),
             coming,
             fronts: BinaryHeap::new(),
-            held: BTreeMap::new(),
-            held_bytes: 0,
+            open: BTreeMap::new(),
+            open_bytes: 0,
             errors: VecDeque::new(),
             order_lost: false,
         }
     }
 
-    fn segment(&self, (file, segment): (usize, usize)) -> &'a Segment {
+    fn segment(&self, (file, segment): (usize, usize)) -> &'a FileSegment {
         &self.bag.files[file].segments[segment]
     }
 
-    /// Holds every segment that may have something before the first message held.
-    fn hold_what_is_due(&mut self) {
+    /// Opens every segment that may have something before the first message known.
+    fn open_what_is_due(&mut self) {
         while let Some(&next) = self.coming.last() {
             let first = self.fronts.peek().map(|Reverse((log_ns, _))| *log_ns);
             if first.is_some_and(|first| self.segment(next).start_ns > first) {
                 break;
             }
-            if first.is_some() && self.held_bytes > HELD_BYTES_MAX {
+            if first.is_some() && self.open_bytes > OPEN_BYTES_MAX {
                 if !self.order_lost {
                     self.order_lost = true;
                     let reason = format!(
-                        "more than {HELD_BYTES_MAX} bytes overlap in time: messages do not come in the order of their times"
+                        "more than {OPEN_BYTES_MAX} bytes overlap in time: messages do not come in the order of their times"
                     );
                     self.errors.push_back(BagError::damaged(
                         &self.bag.files[next.0].path,
@@ -124,11 +124,11 @@ impl<'a> Messages<'a> {
                 break;
             }
             self.coming.pop();
-            self.hold(next);
+            self.open_segment(next);
         }
     }
 
-    fn hold(&mut self, place: (usize, usize)) {
+    fn open_segment(&mut self, place: (usize, usize)) {
         let file = &self.bag.files[place.0];
         let segment = self.segment(place);
         let bytes = match file.unpacked(segment) {
@@ -172,36 +172,36 @@ impl<'a> Messages<'a> {
             let wanted = self.query.topics.as_ref().is_none_or(|topics| topics.contains(&topic));
             if wanted && (self.query.start_ns..=self.query.end_ns).contains(&log_ns) {
                 let data = bytes.slice(range.start + MESSAGE_HEAD_BYTES..range.end);
-                messages.push(Message { topic, log_ns, publish_ns, sequence, data });
+                messages.push(RecordedMessage { topic, log_ns, publish_ns, sequence, data });
             }
         }
         // Stable: messages of one time stay in the order of the file.
         messages.sort_by_key(|message| message.log_ns);
         if let Some(first) = messages.first() {
             self.fronts.push(Reverse((first.log_ns, place)));
-            let bytes = bytes.len() + messages.len() * size_of::<Message>();
-            self.held_bytes += bytes;
-            self.held.insert(place, Held { bytes, messages: messages.into() });
+            let bytes = bytes.len() + messages.len() * size_of::<RecordedMessage>();
+            self.open_bytes += bytes;
+            self.open.insert(place, OpenSegment { bytes, messages: messages.into() });
         }
     }
 }
 
 impl Iterator for Messages<'_> {
-    type Item = Result<Message, BagError>;
+    type Item = Result<RecordedMessage, BagError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        self.hold_what_is_due();
+        self.open_what_is_due();
         if let Some(error) = self.errors.pop_front() {
             return Some(Err(error));
         }
         let Reverse((_, place)) = self.fronts.pop()?;
-        let held = self.held.get_mut(&place)?;
-        let message = held.messages.pop_front()?;
-        match held.messages.front() {
+        let segment = self.open.get_mut(&place)?;
+        let message = segment.messages.pop_front()?;
+        match segment.messages.front() {
             Some(next) => self.fronts.push(Reverse((next.log_ns, place))),
             None => {
-                self.held_bytes -= held.bytes;
-                self.held.remove(&place);
+                self.open_bytes -= segment.bytes;
+                self.open.remove(&place);
             }
         }
         Some(Ok(message))

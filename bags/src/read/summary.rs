@@ -14,7 +14,7 @@ use super::schema::Schema;
 const ENDING_BYTES: usize = RECORD_HEAD_BYTES + 20 + mcap::MAGIC.len();
 
 #[derive(Debug, Default)]
-pub(super) struct Summary {
+pub(super) struct FileSummary {
     pub(super) schemas: BTreeMap<u16, Schema>,
     pub(super) channels: BTreeMap<u16, Channel>,
     pub(super) statistics: Option<Statistics>,
@@ -25,7 +25,7 @@ pub(super) struct Summary {
 ///
 /// # Errors
 /// The place, and what is wrong there.
-pub(super) fn read(file: &File, length: u64) -> Result<Option<Summary>, (u64, String)> {
+pub(super) fn read(file: &File, length: u64) -> Result<Option<FileSummary>, (u64, String)> {
     let Some(footer_at) = length.checked_sub(ENDING_BYTES as u64).filter(|at| *at >= mcap::MAGIC.len() as u64) else {
         return Ok(None);
     };
@@ -36,7 +36,7 @@ pub(super) fn read(file: &File, length: u64) -> Result<Option<Summary>, (u64, St
     let Ok(Record::Footer(footer)) = mcap::parse_record(op::FOOTER, content) else { return Ok(None) };
     let Footer { summary_start, summary_crc, .. } = footer;
     if summary_start == 0 {
-        return Ok(Some(Summary::default()));
+        return Ok(Some(FileSummary::default()));
     }
     let size = footer_at.checked_sub(summary_start).filter(|size| *size <= RECORD_BYTES_MAX);
     let size = size.and_then(|size| usize::try_from(size).ok()).ok_or_else(|| {
@@ -56,7 +56,7 @@ pub(super) fn read(file: &File, length: u64) -> Result<Option<Summary>, (u64, St
             return Err((summary_start, reason));
         }
     }
-    let mut summary = Summary::default();
+    let mut summary = FileSummary::default();
     for record in records(&bytes) {
         let (opcode, range) = record.map_err(|(at, reason)| (summary_start + at as u64, reason))?;
         let place = summary_start + range.start as u64;

@@ -6,14 +6,14 @@ use std::os::unix::fs::FileExt as _;
 
 const WINDOW_BYTES: usize = 64 * 1024;
 
-pub(super) struct Window<'a> {
+pub(super) struct FileWindow<'a> {
     file: &'a File,
     length: u64,
     start: u64,
     bytes: Vec<u8>,
 }
 
-impl<'a> Window<'a> {
+impl<'a> FileWindow<'a> {
     pub(super) fn new(file: &'a File, length: u64) -> Self {
         Self { file, length, start: 0, bytes: Vec::new() }
     }

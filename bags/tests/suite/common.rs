@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use feeder_bags::check::{Finding, Severity, check};
-use feeder_bags::{Bag, BagWriter, Definitions, Message, NewTopic, Query, WriteSettings};
+use feeder_bags::{Bag, BagWriter, Definitions, NewTopic, Query, RecordedMessage, WriteSettings};
 use feeder_runtime::cdr;
 use minifactory_msgs::sensor_msgs::msg::JointState;
 use minifactory_msgs::std_msgs::msg::String as Text;
@@ -56,7 +56,7 @@ pub(crate) fn good(folder: &Path, settings: WriteSettings, count: u64) {
     writer.finish().unwrap();
 }
 
-pub(crate) fn messages(bag: &Bag) -> Vec<Message> {
+pub(crate) fn messages(bag: &Bag) -> Vec<RecordedMessage> {
     bag.messages(&Query::default()).collect::<Result<_, _>>().unwrap()
 }
 

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use feeder_bags::recover::recover;
-use feeder_bags::{Bag, BagWriter, Compression, Message, Query, WriteSettings};
+use feeder_bags::{Bag, BagWriter, Compression, Query, RecordedMessage, WriteSettings};
 use proptest::prelude::*;
 
 use crate::common::{errors, fill, good};
@@ -15,7 +15,7 @@ fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/broken").join(name)
 }
 
-fn readable(bag: &Bag) -> Vec<Message> {
+fn readable(bag: &Bag) -> Vec<RecordedMessage> {
     bag.messages(&Query::default()).filter_map(Result::ok).collect()
 }
 

@@ -7,9 +7,9 @@ use std::{
 
 use crate::{
     error::{Error, Named, Problem},
-    model::{Arity, Body, Element, Field, FieldType, Namespace, Role, Structure, TypeName},
+    model::{Arity, Element, Field, FieldType, MessageBody, PackageFolder, Role, Structure, TypeName},
     parse::{self, LineProblem, Section},
-    source::Source,
+    source::DefinitionFile,
     text,
 };
 
@@ -26,7 +26,7 @@ impl Catalogue {
     /// [`Error::Definition`] for the first definition that breaks a rule, has a field of a type not among `sources`,
     /// or contains itself. Services need `service_msgs/ServiceEventInfo`, actions `unique_identifier_msgs/UUID` and
     /// `builtin_interfaces/Time` too.
-    pub fn new(sources: &[Source]) -> Result<Self, Error> {
+    pub fn new(sources: &[DefinitionFile]) -> Result<Self, Error> {
         let mut catalogue = Self { structures: BTreeMap::new() };
         for source in sources {
             catalogue.add(source).map_err(|LineProblem { line, problem }| Error::Definition {
@@ -52,7 +52,7 @@ impl Catalogue {
         for (first_line, heading, text) in text::sections(schema) {
             let fail = |problem| Error::Definition { file: file.clone(), line: first_line.max(2) - 1, problem };
             let name = match heading {
-                None => TypeName { namespace: Namespace::Msg, ..name.clone() },
+                None => TypeName { namespace: PackageFolder::Msg, ..name.clone() },
                 Some(heading) => {
                     let (package, name) = heading
                         .split_once('/')
@@ -67,9 +67,9 @@ impl Catalogue {
             if catalogue.structures.contains_key(&name) {
                 continue;
             }
-            let source = Source {
+            let source = DefinitionFile {
                 package: name.package.clone(),
-                namespace: Namespace::Msg,
+                namespace: PackageFolder::Msg,
                 name: name.name.clone(),
                 file: file.clone(),
                 text: String::new(),
@@ -107,23 +107,23 @@ impl Catalogue {
         found
     }
 
-    fn add(&mut self, source: &Source) -> Result<(), LineProblem> {
+    fn add(&mut self, source: &DefinitionFile) -> Result<(), LineProblem> {
         let name = TypeName { package: source.package.clone(), namespace: source.namespace, name: source.name.clone() };
         parse::check_name(Named::Package, &name.package)
             .and_then(|()| parse::check_name(Named::Message, &name.name))
             .map_err(|problem| LineProblem { line: 1, problem })?;
         match source.namespace {
-            Namespace::Msg => {
+            PackageFolder::Msg => {
                 let [message] = parse::sections(&source.text)?;
                 self.add_message(source, name, message)
             }
-            Namespace::Srv => {
+            PackageFolder::Srv => {
                 let [request, response] = parse::sections(&source.text)?;
                 self.add_message(source, name.with_suffix("_Request"), request)?;
                 self.add_message(source, name.with_suffix("_Response"), response)?;
                 self.add_service(source, &name)
             }
-            Namespace::Action => {
+            PackageFolder::Action => {
                 let [goal, result, feedback] = parse::sections(&source.text)?;
                 self.add_message(source, name.with_suffix("_Goal"), goal)?;
                 self.add_message(source, name.with_suffix("_Result"), result)?;
@@ -133,7 +133,7 @@ impl Catalogue {
         }
     }
 
-    fn add_message(&mut self, source: &Source, name: TypeName, section: Section) -> Result<(), LineProblem> {
+    fn add_message(&mut self, source: &DefinitionFile, name: TypeName, section: Section) -> Result<(), LineProblem> {
         let mut body = parse::parse(&section, &source.package)?;
         if body.fields.is_empty() {
             let doc = "Carries nothing: CDR has no empty structures.";
@@ -145,7 +145,7 @@ impl Catalogue {
     }
 
     /// Adds the event and the service itself; request and response are there already.
-    fn add_service(&mut self, source: &Source, name: &TypeName) -> Result<(), LineProblem> {
+    fn add_service(&mut self, source: &DefinitionFile, name: &TypeName) -> Result<(), LineProblem> {
         let part = |suffix| Element::Nested(name.with_suffix(suffix));
         let at_most_one = Arity::Sequence { bound: Some(1) };
         let event_info = Element::Nested(TypeName::message("service_msgs", "ServiceEventInfo"));
@@ -165,7 +165,7 @@ impl Catalogue {
     }
 
     /// Adds what ROS 2 wraps around goal, result and feedback, and the action itself.
-    fn add_action(&mut self, source: &Source, name: &TypeName) -> Result<(), LineProblem> {
+    fn add_action(&mut self, source: &DefinitionFile, name: &TypeName) -> Result<(), LineProblem> {
         let part = |suffix| Element::Nested(name.with_suffix(suffix));
         let goal_id = || {
             let uuid = TypeName::message("unique_identifier_msgs", "UUID");
@@ -209,7 +209,7 @@ impl Catalogue {
 
     fn insert_derived(
         &mut self,
-        source: &Source,
+        source: &DefinitionFile,
         role: Role,
         name: TypeName,
         fields: Vec<Field>,
@@ -220,10 +220,10 @@ impl Catalogue {
 
     fn insert(
         &mut self,
-        source: &Source,
+        source: &DefinitionFile,
         role: Role,
         name: TypeName,
-        body: Body,
+        body: MessageBody,
         text: String,
     ) -> Result<(), LineProblem> {
         let structure = Structure { name: name.clone(), role, body, text, file: source.file.clone() };
@@ -274,8 +274,8 @@ fn nested(structure: &Structure) -> impl Iterator<Item = (usize, &TypeName)> {
     })
 }
 
-fn body_of(fields: Vec<Field>) -> Body {
-    Body { fields, ..Body::default() }
+fn body_of(fields: Vec<Field>) -> MessageBody {
+    MessageBody { fields, ..MessageBody::default() }
 }
 
 /// A field that no file states.

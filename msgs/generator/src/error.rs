@@ -1,3 +1,5 @@
+//! What is wrong with a definition, and where.
+
 use std::{fmt, io, path::PathBuf};
 
 use crate::model::TypeName;

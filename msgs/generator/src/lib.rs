@@ -1,11 +1,11 @@
 //! Turns ROS 2 interface definitions (`.msg`, `.srv`, `.action`) into Rust source, concatenated schemas and type hashes.
 //!
 //! ```
-//! use minifactory_msggen::{Catalogue, Namespace, Source, TypeName, emit};
+//! use minifactory_msggen::{Catalogue, PackageFolder, DefinitionFile, TypeName, emit};
 //!
-//! let source = Source {
+//! let source = DefinitionFile {
 //!     package: "demo_msgs".into(),
-//!     namespace: Namespace::Msg,
+//!     namespace: PackageFolder::Msg,
 //!     name: "Spot".into(),
 //!     file: "msg/Spot.msg".into(),
 //!     text: "float64 x_m\n".into(),
@@ -33,5 +33,7 @@ mod value;
 pub use catalogue::Catalogue;
 pub use emit::emit;
 pub use error::{Error, Named, Problem};
-pub use model::{Arity, Body, Constant, Element, Field, FieldType, Namespace, Role, Structure, TypeName, Value};
-pub use source::Source;
+pub use model::{
+    Arity, Constant, Element, Field, FieldType, Literal, MessageBody, PackageFolder, Role, Structure, TypeName,
+};
+pub use source::DefinitionFile;

@@ -4,7 +4,7 @@ use std::{fmt, path::PathBuf};
 
 /// The folder of a package that a definition lies in. The order is the alphabetical one of the folders.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Namespace {
+pub enum PackageFolder {
     /// `action`
     Action,
     /// `msg`
@@ -13,7 +13,7 @@ pub enum Namespace {
     Srv,
 }
 
-impl Namespace {
+impl PackageFolder {
     /// All namespaces.
     pub const ALL: [Self; 3] = [Self::Action, Self::Msg, Self::Srv];
 
@@ -34,7 +34,7 @@ pub struct TypeName {
     /// Package, such as `sensor_msgs`.
     pub package: String,
     /// Folder within the package.
-    pub namespace: Namespace,
+    pub namespace: PackageFolder,
     /// Name, such as `Image` or `SetBool_Request`.
     pub name: String,
 }
@@ -43,7 +43,7 @@ impl TypeName {
     /// The type `package/msg/name`.
     #[must_use]
     pub fn message(package: &str, name: &str) -> Self {
-        Self { package: package.to_owned(), namespace: Namespace::Msg, name: name.to_owned() }
+        Self { package: package.to_owned(), namespace: PackageFolder::Msg, name: name.to_owned() }
     }
 
     /// The type whose name is this one's with `suffix` behind it.
@@ -140,7 +140,7 @@ pub struct FieldType {
 
 /// Value of a constant or default.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Value {
+pub enum Literal {
     /// Of a `bool`.
     Bool(bool),
     /// Of any integer.
@@ -152,7 +152,7 @@ pub enum Value {
     /// Of a string.
     Text(String),
     /// Of an array or sequence.
-    List(Vec<Value>),
+    List(Vec<Literal>),
 }
 
 /// A field of a message.
@@ -163,7 +163,7 @@ pub struct Field {
     /// Name, which may be a Rust keyword.
     pub name: String,
     /// Value of a new message's field, unless zero, false or empty.
-    pub default: Option<Value>,
+    pub default: Option<Literal>,
     /// Type as the definition writes it.
     pub declared: String,
     /// Comment, line by line.
@@ -180,7 +180,7 @@ pub struct Constant {
     /// Name.
     pub name: String,
     /// Value.
-    pub value: Value,
+    pub value: Literal,
     /// Type and value as the definition writes them.
     pub declared: String,
     /// Comment, line by line.
@@ -189,7 +189,7 @@ pub struct Constant {
 
 /// Fields and constants of a message.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Body {
+pub struct MessageBody {
     /// Comment at the head, line by line.
     pub doc: Vec<String>,
     /// Fields in order.
@@ -221,7 +221,7 @@ pub struct Structure {
     /// Purpose.
     pub role: Role,
     /// Fields and constants. An empty message has the one field that ROS 2 gives it.
-    pub body: Body,
+    pub body: MessageBody,
     /// Definition as written, or as it would be, ending with a line feed unless empty.
     pub text: String,
     /// File that the definition comes from.

@@ -6,7 +6,7 @@ use std::mem;
 
 use crate::{
     error::{Named, Problem},
-    model::{Arity, Body, Constant, Element, Field, FieldType, TypeName},
+    model::{Arity, Constant, Element, Field, FieldType, MessageBody, TypeName},
     value,
 };
 
@@ -42,8 +42,8 @@ pub(crate) fn sections<const N: usize>(text: &str) -> Result<[Section; N], LineP
 }
 
 /// Parses the fields and constants of a section; `package` is where types without a package are looked for.
-pub(crate) fn parse(section: &Section, package: &str) -> Result<Body, LineProblem> {
-    let mut body = Body::default();
+pub(crate) fn parse(section: &Section, package: &str) -> Result<MessageBody, LineProblem> {
+    let mut body = MessageBody::default();
     let mut items: Vec<Item> = Vec::new();
     let mut comments = Vec::new();
     let mut in_header = true;

@@ -1,6 +1,6 @@
 //! Pieces of Rust source that need no other definition: comments, names, values.
 
-use crate::model::{Arity, Constant, Element, Field, Value};
+use crate::model::{Arity, Constant, Element, Field, Literal};
 
 /// serde and the standard library know arrays up to this length by themselves.
 pub(crate) const LARGEST_PLAIN_ARRAY: u32 = 32;
@@ -55,7 +55,7 @@ pub(crate) fn constant(constant: &Constant) -> String {
     let doc =
         if constant.doc.is_empty() { docs(&format!("`{}`", constant.declared), &[]) } else { docs("", &constant.doc) };
     let value = match &constant.value {
-        Value::Text(text) => format!("{text:?}"),
+        Literal::Text(text) => format!("{text:?}"),
         value => expression(value, Arity::One),
     };
     format!("{doc}pub const {}: {} = {value};\n", constant.name, primitive_type(&constant.element))
@@ -67,15 +67,15 @@ pub(crate) fn needs_own_default(field: &Field) -> bool {
     large || field.default.as_ref().is_some_and(|value| !is_zero(value, field.ty.arity))
 }
 
-fn is_zero(value: &Value, arity: Arity) -> bool {
+fn is_zero(value: &Literal, arity: Arity) -> bool {
     match value {
-        Value::Bool(value) => !value,
-        Value::Integer(value) => *value == 0,
+        Literal::Bool(value) => !value,
+        Literal::Integer(value) => *value == 0,
         // Not a comparison: -0.0 must stay what it is.
-        Value::Float32(value) => value.to_bits() == 0,
-        Value::Float64(value) => value.to_bits() == 0,
-        Value::Text(text) => text.is_empty(),
-        Value::List(values) => match arity {
+        Literal::Float32(value) => value.to_bits() == 0,
+        Literal::Float64(value) => value.to_bits() == 0,
+        Literal::Text(text) => text.is_empty(),
+        Literal::List(values) => match arity {
             Arity::Sequence { .. } => values.is_empty(),
             Arity::One | Arity::Array(_) => values.iter().all(|value| is_zero(value, Arity::One)),
         },
@@ -92,14 +92,14 @@ pub(crate) fn default_of(field: &Field) -> String {
     }
 }
 
-fn expression(value: &Value, arity: Arity) -> String {
+fn expression(value: &Literal, arity: Arity) -> String {
     match value {
-        Value::Bool(value) => value.to_string(),
-        Value::Integer(value) => value.to_string(),
-        Value::Float32(value) => format!("{value:?}"),
-        Value::Float64(value) => format!("{value:?}"),
-        Value::Text(value) => format!("::std::string::String::from({value:?})"),
-        Value::List(values) => {
+        Literal::Bool(value) => value.to_string(),
+        Literal::Integer(value) => value.to_string(),
+        Literal::Float32(value) => format!("{value:?}"),
+        Literal::Float64(value) => format!("{value:?}"),
+        Literal::Text(value) => format!("::std::string::String::from({value:?})"),
+        Literal::List(values) => {
             let elements: Vec<_> = values.iter().map(|value| expression(value, Arity::One)).collect();
             let elements = elements.join(", ");
             match arity {

@@ -5,15 +5,15 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::{error::Error, model::Namespace};
+use crate::{error::Error, model::PackageFolder};
 
 /// The text of one definition.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Source {
+pub struct DefinitionFile {
     /// Package that the definition belongs to.
     pub package: String,
     /// Folder within the package.
-    pub namespace: Namespace,
+    pub namespace: PackageFolder,
     /// Name of the type: the file's without extension.
     pub name: String,
     /// File, for error messages.
@@ -22,14 +22,14 @@ pub struct Source {
     pub text: String,
 }
 
-impl Source {
+impl DefinitionFile {
     /// Reads the definitions in the folders `msg`, `srv` and `action` of a package, in the order of their names.
     ///
     /// # Errors
     /// [`Error::Read`] if a folder or file cannot be read; [`Error::Foreign`] for another kind of file in them.
     pub fn read_package(package: &str, root: &Path) -> Result<Vec<Self>, Error> {
         let mut sources = Vec::new();
-        for namespace in Namespace::ALL {
+        for namespace in PackageFolder::ALL {
             let folder = root.join(namespace.as_str());
             if !folder.exists() {
                 continue;
@@ -54,7 +54,7 @@ impl Source {
     /// Reads all packages of a folder, each in a folder of its name.
     ///
     /// # Errors
-    /// As [`Source::read_package`].
+    /// As [`DefinitionFile::read_package`].
     pub fn read_packages(root: &Path) -> Result<Vec<Self>, Error> {
         let mut sources = Vec::new();
         for folder in entries(root)? {

@@ -2,11 +2,11 @@
 
 use crate::{
     error::Problem,
-    model::{Arity, Element, FieldType, Value},
+    model::{Arity, Element, FieldType, Literal},
 };
 
 /// Parses the default value of a field.
-pub(crate) fn parse_default(ty: &FieldType, declared: &str, text: &str) -> Result<Value, Problem> {
+pub(crate) fn parse_default(ty: &FieldType, declared: &str, text: &str) -> Result<Literal, Problem> {
     let problem = |rule: String| Problem::Value { value: text.to_owned(), ty: declared.to_owned(), rule };
     if matches!(ty.element, Element::Nested(_)) {
         return Err(Problem::DefaultType(declared.to_owned()));
@@ -26,25 +26,25 @@ pub(crate) fn parse_default(ty: &FieldType, declared: &str, text: &str) -> Resul
         .collect::<Result<Vec<_>, _>>()
         .map_err(problem)?;
     match u32::try_from(values.len()) {
-        Ok(found) if (least..=most).contains(&found) => Ok(Value::List(values)),
+        Ok(found) if (least..=most).contains(&found) => Ok(Literal::List(values)),
         _ => Err(problem(format!("expected {least} to {most} elements, found {}", values.len()))),
     }
 }
 
 /// Parses the value of a constant or of one element of a default; an error is the rule that is broken.
-pub(crate) fn parse_element(element: &Element, text: &str) -> Result<Value, String> {
+pub(crate) fn parse_element(element: &Element, text: &str) -> Result<Literal, String> {
     match element {
         Element::Bool => match text.to_ascii_lowercase().as_str() {
-            "true" | "1" => Ok(Value::Bool(true)),
-            "false" | "0" => Ok(Value::Bool(false)),
+            "true" | "1" => Ok(Literal::Bool(true)),
+            "false" | "0" => Ok(Literal::Bool(false)),
             _ => Err("expected true, false, 1 or 0".to_owned()),
         },
         Element::Float32 => match text.parse::<f32>() {
-            Ok(value) if value.is_finite() => Ok(Value::Float32(value)),
+            Ok(value) if value.is_finite() => Ok(Literal::Float32(value)),
             _ => Err(format!("expected a finite number from {:e} to {:e}", f32::MIN, f32::MAX)),
         },
         Element::Float64 => match text.parse::<f64>() {
-            Ok(value) if value.is_finite() => Ok(Value::Float64(value)),
+            Ok(value) if value.is_finite() => Ok(Literal::Float64(value)),
             _ => Err(format!("expected a finite number from {:e} to {:e}", f64::MIN, f64::MAX)),
         },
         Element::Byte | Element::Char | Element::UInt8 => integer(text, 0, u8::MAX.into()),
@@ -60,7 +60,7 @@ pub(crate) fn parse_element(element: &Element, text: &str) -> Result<Value, Stri
     }
 }
 
-fn integer(text: &str, least: i128, most: i128) -> Result<Value, String> {
+fn integer(text: &str, least: i128, most: i128) -> Result<Literal, String> {
     let (sign, digits) = match text.strip_prefix('-') {
         Some(digits) => (-1, digits),
         None => (1, text.strip_prefix('+').unwrap_or(text)),
@@ -74,13 +74,13 @@ fn integer(text: &str, least: i128, most: i128) -> Result<Value, String> {
     // from_str_radix takes a sign of its own, which must not stand behind ours or behind a prefix.
     let parsed = if digits.starts_with(['+', '-']) { None } else { i128::from_str_radix(digits, radix).ok() };
     match parsed.map(|value| sign * value) {
-        Some(value) if (least..=most).contains(&value) => Ok(Value::Integer(value)),
+        Some(value) if (least..=most).contains(&value) => Ok(Literal::Integer(value)),
         _ => Err(format!("expected a whole number from {least} to {most}")),
     }
 }
 
 /// A string may stand in quotes, of either kind; inside, that kind is written with a backslash before it.
-fn string(text: &str, bound: Option<u32>) -> Result<Value, String> {
+fn string(text: &str, bound: Option<u32>) -> Result<Literal, String> {
     let value = match text.chars().next() {
         Some(quote @ ('"' | '\'')) => unquote(text, quote).ok_or("the quotes do not match")?,
         _ => text.to_owned(),
@@ -89,7 +89,7 @@ fn string(text: &str, bound: Option<u32>) -> Result<Value, String> {
         Some(bound) if value.len() > usize::try_from(bound).unwrap_or(usize::MAX) => {
             Err(format!("expected at most {bound} bytes, found {}", value.len()))
         }
-        _ => Ok(Value::Text(value)),
+        _ => Ok(Literal::Text(value)),
     }
 }
 

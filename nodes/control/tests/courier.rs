@@ -3,8 +3,8 @@
 #![expect(clippy::unwrap_used, reason = "what fails to set up fails the test")]
 
 use feeder_control::courier::{
-    CourierConfig, CourierDriver, DriverEvent, DriverStatus, Fault, GoalOutcome, Rejection, Trajectory,
-    TrajectoryPoint, VibrationPhase,
+    CourierConfig, Driver, DriverEvent, DriverStatus, Fault, GoalOutcome, Rejection, Trajectory, TrajectoryPoint,
+    VibrationPhase,
 };
 use feeder_model::motion::MotionSample;
 use feeder_model::motor::{PlanarMotor, Wrench};
@@ -69,9 +69,9 @@ impl PlanarMotor for Faulty {
     }
 }
 
-fn faulty() -> CourierDriver<Faulty> {
+fn faulty() -> Driver<Faulty> {
     let inner = SimulatedMotor::new(MotorParameters::IDEAL, Vector3::zeros(), 1).unwrap();
-    CourierDriver::with_motor(CourierConfig::default(), Faulty { inner, frozen: false, blind: false }).unwrap()
+    Driver::with_motor(CourierConfig::default(), Faulty { inner, frozen: false, blind: false }).unwrap()
 }
 
 #[test]

@@ -66,7 +66,7 @@ pub struct CourierDriver {
     services: Services,
     lifecycle: Lifecycle,
     trajectory: ActionServer<FollowJointTrajectory>,
-    driver: courier::CourierDriver<machine::Motor>,
+    driver: courier::Driver<machine::Motor>,
     truth: machine::Truth,
     servo_ticks: usize,
     tick: Duration,
@@ -123,7 +123,7 @@ impl FeederNode for CourierDriver {
         let seed = seed_for(config.seed, Self::NAME);
         let courier = config.simulated_courier();
         let motor = machine::connect(&courier, seed)?;
-        let mut driver = courier::CourierDriver::with_motor(courier.config, motor).map_err(NodeError::new)?;
+        let mut driver = courier::Driver::with_motor(courier.config, motor).map_err(NodeError::new)?;
         driver.set_active(false);
         #[expect(
             clippy::cast_possible_truncation,

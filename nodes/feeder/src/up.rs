@@ -9,7 +9,7 @@ use anyhow::{Context as _, bail};
 use feeder_runtime::dds::{DiscoveryRange, Domain, NodeName, Participant};
 use feeder_runtime::digest::{self, Digest};
 use feeder_runtime::launch::{Seat, full_name, run_opened};
-use feeder_runtime::lockstep::{Clock, ClockRunner, Hub, LoopContract, LoopTiming, Speed};
+use feeder_runtime::lockstep::{ClockRunner, Hub, LoopClock, LoopContract, LoopTiming, Speed};
 use feeder_runtime::node::{Declare, FeederNode, Interface, NodeError};
 use feeder_scenario::Scenario;
 use feeder_scenario::plan::{Loaded, RunMonitorConfig, RunPlan, load};
@@ -176,7 +176,7 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &AtomicBool) -> anyhow::Resu
     };
 
     let end_tick = ticks(plan.run.duration_s, contract.timing.tick_ns);
-    let clock = Clock::new(contract.as_ref().clone(), args.speed, end_tick, START_UP_LIMIT);
+    let clock = LoopClock::new(contract.as_ref().clone(), args.speed, end_tick, START_UP_LIMIT);
     let clock_digest = Digest::new(digest_dir.as_deref(), &CLOCK.name_in(""), &contract.shared_topics);
     let mut clock = ClockRunner::open(&participant, &contract, hub.as_ref(), clock, clock_digest)?;
     if let Some(socket) = record_to {

@@ -72,10 +72,10 @@ impl PlatenMonitor {
         let Some(leases) = &self.leases else { return };
         for (feeder, place_m) in self.feeders.iter().zip(&self.places_m) {
             let Some(place_m) = place_m else { continue };
-            let mut held = leases.iter().filter(|(agent, _)| agent == feeder).peekable();
+            let mut leased = leases.iter().filter(|(agent, _)| agent == feeder).peekable();
             // Before its first lease a courier rests where it was put.
-            let has_any = held.peek().is_some();
-            let inside = held.any(|(_, area)| area.excess_m(place_m, self.footprint_radius_m) <= SLACK_M);
+            let has_any = leased.peek().is_some();
+            let inside = leased.any(|(_, area)| area.excess_m(place_m, self.footprint_radius_m) <= SLACK_M);
             progress.out_of_area += u32::from(has_any && !inside);
         }
     }

@@ -92,7 +92,7 @@ pub struct Progress {
     pub couriers_closest_m: Option<f64>,
     /// Ticks in which two couriers overlapped.
     pub collisions: u32,
-    /// Ticks in which a courier reached out of the areas it held.
+    /// Ticks in which a courier reached out of the areas leased to it.
     pub out_of_area: u32,
 }
 

@@ -5,7 +5,7 @@ use std::{sync::Arc, time::SystemTime};
 use minifactory_msgs::builtin_interfaces::msg::Time;
 
 /// Where stamps come from: the wall clock, or a run's simulated time.
-pub type Clock = Arc<dyn Fn() -> Time + Send + Sync>;
+pub type TimeSource = Arc<dyn Fn() -> Time + Send + Sync>;
 
 /// The wall clock. It stands still after the year 2038, where the seconds of a ROS stamp end.
 #[must_use]

@@ -11,7 +11,7 @@ use serde_json::Value as Json;
 use crate::args::GivenValue;
 use crate::node::NodeError;
 use crate::parameters::{Declaration, ParameterError, Store, Value};
-use crate::schema::Schema;
+use crate::schema::ConfigSchema;
 
 /// Why a node cannot start with the parameters given to it.
 #[derive(Debug, thiserror::Error)]
@@ -31,17 +31,17 @@ pub(crate) enum GivenError {
 pub(crate) struct Configuration<C> {
     pub(crate) config: C,
     pub(crate) store: Store,
-    pub(crate) check: Check<C>,
+    pub(crate) check: CheckConfig<C>,
 }
 
 /// Says what is wrong with a configuration.
-pub(crate) type Check<C> = fn(&C) -> Result<(), NodeError>;
+pub(crate) type CheckConfig<C> = fn(&C) -> Result<(), NodeError>;
 
 impl<C: Serialize + DeserializeOwned + JsonSchema + Clone> Configuration<C> {
     /// `config` with the values given at the start, if that passes `check`. `own` are parameters beside it.
     pub(crate) fn new(
         config: &C,
-        check: Check<C>,
+        check: CheckConfig<C>,
         settable: &[&str],
         not_parameters: &[&str],
         own: Vec<Declaration>,
@@ -77,7 +77,7 @@ pub(crate) fn declarations_of<C: Serialize + JsonSchema>(
     }
     let mut values = Vec::new();
     flatten("", &tree, &mut values);
-    let schema = Schema::of::<C>();
+    let schema = ConfigSchema::of::<C>();
     let declaration = |(name, default): (String, Value)| {
         let (description, range) = schema.of_value(&name, &default);
         let read_only = !settable.contains(&name.as_str());
@@ -90,7 +90,7 @@ pub(crate) fn declarations_of<C: Serialize + JsonSchema>(
 /// Who gave the value that a configuration refuses: one parameter, or several that do not go together.
 fn blame<C: Serialize + DeserializeOwned + Clone>(
     config: &C,
-    check: Check<C>,
+    check: CheckConfig<C>,
     changes: &[(String, Value)],
     given: &BTreeMap<String, GivenValue>,
     reason: String,
@@ -113,7 +113,7 @@ fn blame<C: Serialize + DeserializeOwned + Clone>(
 /// Why not, as the configuration says it.
 pub(crate) fn changed<C: Serialize + DeserializeOwned + Clone>(
     config: &C,
-    check: Check<C>,
+    check: CheckConfig<C>,
     changes: &[(String, Value)],
 ) -> Result<C, String> {
     if changes.is_empty() {

@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::args::LogLevel;
-use crate::clock::Clock;
+use crate::clock::TimeSource;
 use crate::configuration::{Configuration, changed};
 use crate::dds::{BackgroundTask, DdsError, Loss, Participant, Server, Writer};
 use crate::health::{Health, HealthLevel};
@@ -54,7 +54,7 @@ impl Housekeeping {
     pub(crate) fn open(
         participant: &Participant,
         parameters: Store,
-        clock: &Clock,
+        clock: &TimeSource,
         accept: impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static,
     ) -> Result<Self, DdsError> {
         let describes = parameters.get(DESCRIBE_TYPES) != Some(&Value::Bool(false));
@@ -115,7 +115,11 @@ where
 }
 
 /// Publishes what the participant's endpoints have lost or refused.
-fn report(participant: &Participant, diagnostics: &Writer, clock: Clock) -> impl Future<Output = ()> + Send + 'static {
+fn report(
+    participant: &Participant,
+    diagnostics: &Writer,
+    clock: TimeSource,
+) -> impl Future<Output = ()> + Send + 'static {
     let (losses, outlet, node) = (participant.watch_losses(), diagnostics.outlet(), participant.node().to_string());
     async move {
         let mut known = 0;

@@ -30,4 +30,4 @@ mod type_description;
 mod wall_clock;
 
 pub use logging::{LogSettings, start_logging};
-pub use program::{Load, main, main_with};
+pub use program::{LoadConfig, main, main_with};

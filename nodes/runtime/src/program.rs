@@ -38,18 +38,18 @@ struct Options {
 
 /// Finds a node's configuration and the namespace it lives in: in the file given, or where it is found without one, and
 /// for the namespace given, or the first.
-pub type Load<C, E> = fn(Option<&Path>, Option<&str>) -> Result<(String, C), E>;
+pub type LoadConfig<C, E> = fn(Option<&Path>, Option<&str>) -> Result<(String, C), E>;
 
 /// The whole `main` of the executable of node `N`, which `load` configures.
 #[must_use]
-pub fn main<N: FeederNode, E: std::error::Error + Send + Sync + 'static>(load: Load<N::Config, E>) -> ExitCode {
+pub fn main<N: FeederNode, E: std::error::Error + Send + Sync + 'static>(load: LoadConfig<N::Config, E>) -> ExitCode {
     main_with::<N, E>(load, std::env::args_os().skip(1).collect())
 }
 
 /// Runs node `N` with these arguments, the program's name left out.
 #[must_use]
 pub fn main_with<N: FeederNode, E: std::error::Error + Send + Sync + 'static>(
-    load: Load<N::Config, E>,
+    load: LoadConfig<N::Config, E>,
     arguments: Vec<OsString>,
 ) -> ExitCode {
     let words = arguments.into_iter().map(|argument| argument.to_string_lossy().into_owned());

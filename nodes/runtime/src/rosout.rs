@@ -23,7 +23,7 @@ use tracing::{
 use tracing_subscriber::{Layer, layer::Context, registry::LookupSpan};
 
 use crate::{
-    clock::Clock,
+    clock::TimeSource,
     dds::{BackgroundTask, DdsError, Participant, Writer},
 };
 
@@ -53,7 +53,7 @@ struct Nodes {
 struct Queue {
     sender: mpsc::Sender<Log>,
     dropped: Arc<AtomicU64>,
-    clock: Clock,
+    clock: TimeSource,
 }
 
 impl RosoutLayer {
@@ -67,7 +67,7 @@ impl RosoutLayer {
     ///
     /// # Errors
     /// [`DdsError::Endpoint`] when the middleware refuses.
-    pub fn attach(&self, participant: &Participant, clock: Clock) -> Result<Rosout, DdsError> {
+    pub fn attach(&self, participant: &Participant, clock: TimeSource) -> Result<Rosout, DdsError> {
         let writer = participant.topic_writer(&ROSOUT, "")?;
         let (sender, mut messages) = mpsc::channel(QUEUE);
         let node = participant.node().to_string();

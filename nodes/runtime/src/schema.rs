@@ -6,7 +6,7 @@ use serde_json::Value as Json;
 use crate::parameters::{Range, Value};
 
 /// The JSON Schema of a configuration.
-pub(crate) struct Schema(Json);
+pub(crate) struct ConfigSchema(Json);
 
 /// A schema that a value may follow.
 #[derive(Clone, Copy)]
@@ -18,7 +18,7 @@ struct Place<'a> {
     variant: bool,
 }
 
-impl Schema {
+impl ConfigSchema {
     pub(crate) fn of<C: JsonSchema>() -> Self {
         Self(schemars::schema_for!(C).into())
     }
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn a_value_is_described_where_it_stands() {
-        let schema = Schema::of::<Config>();
+        let schema = ConfigSchema::of::<Config>();
         for (name, expected) in [
             ("height_m", Some("How high, in metres")),
             ("undescribed", None),
@@ -156,7 +156,7 @@ mod tests {
 
     #[test]
     fn a_number_has_the_range_that_is_stated() {
-        let schema = Schema::of::<Config>();
+        let schema = ConfigSchema::of::<Config>();
         let height = schema.of_value("height_m", &Value::Double(0.0)).1;
         assert_eq!(height, Some(Range::Double { from: -0.5, to: 2.0, step: 0.0 }));
         let quality = schema.of_value("quality", &Value::Integer(90)).1;

@@ -91,9 +91,9 @@ impl<S: Service> ServiceClient<S> {
     }
 
     /// Sends a request as soon as a server is there.
-    pub fn call(&self, request: &S::Request, timeout: Duration) -> Answer<S::Response> {
+    pub fn call(&self, request: &S::Request, timeout: Duration) -> ServiceCall<S::Response> {
         let call = cdr::encode(request).map(|payload| self.client.call(payload, timeout));
-        Answer { call: call.map_err(Some), response: PhantomData }
+        ServiceCall { call: call.map_err(Some), response: PhantomData }
     }
 }
 
@@ -113,12 +113,12 @@ pub enum ServiceError {
 
 /// A call in flight: a future, for any executor, or something to wait for.
 #[derive(Debug)]
-pub struct Answer<R> {
+pub struct ServiceCall<R> {
     call: Result<Call, Option<CdrError>>,
     response: PhantomData<fn() -> R>,
 }
 
-impl<R: Message> Answer<R> {
+impl<R: Message> ServiceCall<R> {
     /// Blocks until the call has ended.
     ///
     /// # Errors
@@ -131,7 +131,7 @@ impl<R: Message> Answer<R> {
     }
 }
 
-impl<R: Message> Future for Answer<R> {
+impl<R: Message> Future for ServiceCall<R> {
     type Output = Result<R, ServiceError>;
 
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Self::Output> {

@@ -13,7 +13,7 @@ use bytes::Bytes;
 use minifactory_msgs::interface::standard::CLOCK;
 use minifactory_msgs::rosgraph_msgs::msg::Clock as ClockMessage;
 
-use crate::clock::Clock;
+use crate::clock::TimeSource;
 use crate::dds::{Client, DdsError, Participant, Reader};
 use crate::lockstep::{Incoming, RunError};
 use crate::node::{
@@ -99,7 +99,7 @@ impl Time {
     }
 
     /// For stamps of what the node does not publish itself.
-    pub(crate) fn clock(&self) -> Clock {
+    pub(crate) fn clock(&self) -> TimeSource {
         match self {
             Self::Wall => Arc::new(crate::clock::wall_clock),
             Self::Simulated { said, .. } => {

@@ -1,6 +1,6 @@
 //! The motors that come with the feeder, and how a scenario names its own.
 
-use feeder_control::courier::{CourierConfig, CourierDriver};
+use feeder_control::courier::{CourierConfig, Driver};
 use feeder_model::range::OutOfRange;
 use feeder_sim::motor::{MotorParameters, SimulatedMotor};
 
@@ -60,7 +60,7 @@ pub fn assumed_motor() -> MotorParameters {
 }
 
 /// The driver of a simulated motor.
-pub type SimulatedDriver = CourierDriver<SimulatedMotor>;
+pub type SimulatedDriver = Driver<SimulatedMotor>;
 
 /// A courier's driver with the motor that stands in for the machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -89,7 +89,7 @@ impl SimulatedCourier {
     /// # Errors
     /// A parameter out of its range.
     pub fn driver(&self, seed: u64) -> Result<SimulatedDriver, OutOfRange> {
-        CourierDriver::with_motor(self.config, self.simulated_motor(seed)?)
+        Driver::with_motor(self.config, self.simulated_motor(seed)?)
     }
 }
 

@@ -10,7 +10,7 @@ use crate::pose::{self, UprightPose};
 const NOT_ESTIMATED: f64 = 1e6;
 
 /// Places of z, roll and pitch on the diagonal of a message's covariance, whose rows are x, y, z, roll, pitch, yaw.
-const HELD: [usize; 3] = [14, 21, 28];
+const NOT_ESTIMATED_AT: [usize; 3] = [14, 21, 28];
 
 /// Motion of a courier in the platen frame as estimated: (x, y, yaw) in m and rad, m/s and rad/s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -36,7 +36,7 @@ pub fn to_message(motion: &EstimatedMotion) -> Odometry {
     let twist = Rotation2::new(-position.z) * velocity.xy();
     (message.twist.twist.linear.x, message.twist.twist.linear.y) = (twist.x, twist.y);
     message.twist.twist.angular.z = velocity.z;
-    for index in HELD {
+    for index in NOT_ESTIMATED_AT {
         message.pose.covariance[index] = NOT_ESTIMATED;
         message.twist.covariance[index] = NOT_ESTIMATED;
     }

@@ -1,17 +1,17 @@
 //! Definitions given as text.
 
-use minifactory_msggen::{Catalogue, Error, Namespace, Source, Structure, TypeName};
+use minifactory_msggen::{Catalogue, DefinitionFile, Error, PackageFolder, Structure, TypeName};
 
 /// Parses one message `demo_msgs/Spot`, whose fields may be `Point`s.
 pub(crate) fn parse(text: &str) -> Result<Structure, Error> {
-    let catalogue = Catalogue::new(&with_needed([source(Namespace::Msg, "Spot", text)]))?;
+    let catalogue = Catalogue::new(&with_needed([source(PackageFolder::Msg, "Spot", text)]))?;
     let spot = catalogue.get(&TypeName::message("demo_msgs", "Spot"));
     Ok(spot.expect("the message").clone())
 }
 
 /// A definition in the package `demo_msgs`.
-pub(crate) fn source(namespace: Namespace, name: &str, text: &str) -> Source {
-    Source {
+pub(crate) fn source(namespace: PackageFolder, name: &str, text: &str) -> DefinitionFile {
+    DefinitionFile {
         package: "demo_msgs".to_owned(),
         namespace,
         name: name.to_owned(),
@@ -21,8 +21,11 @@ pub(crate) fn source(namespace: Namespace, name: &str, text: &str) -> Source {
 }
 
 /// Adds a message `Point`, and what services and actions need, with fields of no matter.
-pub(crate) fn with_needed<const N: usize>(sources: [Source; N]) -> Vec<Source> {
-    let of = |package: &str, name| Source { package: package.to_owned(), ..source(Namespace::Msg, name, "int32 a\n") };
+pub(crate) fn with_needed<const N: usize>(sources: [DefinitionFile; N]) -> Vec<DefinitionFile> {
+    let of = |package: &str, name| DefinitionFile {
+        package: package.to_owned(),
+        ..source(PackageFolder::Msg, name, "int32 a\n")
+    };
     let needed = [
         of("demo_msgs", "Point"),
         of("service_msgs", "ServiceEventInfo"),

@@ -3,7 +3,9 @@
 use std::{fs, path::Path};
 
 use crate::common::{parse, source};
-use minifactory_msggen::{Arity, Catalogue, Element, FieldType, Namespace, Source, TypeName, Value, emit};
+use minifactory_msggen::{
+    Arity, Catalogue, DefinitionFile, Element, FieldType, Literal, PackageFolder, TypeName, emit,
+};
 
 fn error(text: &str) -> String {
     parse(text).expect_err(text).to_string()
@@ -45,25 +47,25 @@ fn all_kinds_of_types_are_understood() {
 
 #[test]
 fn defaults_are_understood() {
-    let text = |text: &str| Value::Text(text.to_owned());
+    let text = |text: &str| Literal::Text(text.to_owned());
     let cases = [
-        ("bool", "TRUE", Value::Bool(true)),
-        ("bool", "0", Value::Bool(false)),
-        ("int8", "-128", Value::Integer(-128)),
-        ("uint64", "18446744073709551615", Value::Integer(u64::MAX.into())),
-        ("uint8", "0xfF", Value::Integer(255)),
-        ("int16", "-0b101", Value::Integer(-5)),
-        ("char", "0o17", Value::Integer(15)),
-        ("float64", "-1.5e-3", Value::Float64(-1.5e-3)),
-        ("float32", "2", Value::Float32(2.0)),
+        ("bool", "TRUE", Literal::Bool(true)),
+        ("bool", "0", Literal::Bool(false)),
+        ("int8", "-128", Literal::Integer(-128)),
+        ("uint64", "18446744073709551615", Literal::Integer(u64::MAX.into())),
+        ("uint8", "0xfF", Literal::Integer(255)),
+        ("int16", "-0b101", Literal::Integer(-5)),
+        ("char", "0o17", Literal::Integer(15)),
+        ("float64", "-1.5e-3", Literal::Float64(-1.5e-3)),
+        ("float32", "2", Literal::Float32(2.0)),
         ("string", "plain text", text("plain text")),
         ("string", "\" quoted \"", text(" quoted ")),
         ("string", r#""say \"so\"""#, text("say \"so\"")),
         ("string", r#"'it\'s "so"'"#, text("it's \"so\"")),
-        ("int32[]", "[1, -2,3]", Value::List(vec![Value::Integer(1), Value::Integer(-2), Value::Integer(3)])),
-        ("int32[]", "[]", Value::List(Vec::new())),
-        ("bool[2]", "[true, false]", Value::List(vec![Value::Bool(true), Value::Bool(false)])),
-        ("string[<=3]", r#"["a, b", 'c', d]"#, Value::List(vec![text("a, b"), text("c"), text("d")])),
+        ("int32[]", "[1, -2,3]", Literal::List(vec![Literal::Integer(1), Literal::Integer(-2), Literal::Integer(3)])),
+        ("int32[]", "[]", Literal::List(Vec::new())),
+        ("bool[2]", "[true, false]", Literal::List(vec![Literal::Bool(true), Literal::Bool(false)])),
+        ("string[<=3]", r#"["a, b", 'c', d]"#, Literal::List(vec![text("a, b"), text("c"), text("d")])),
     ];
     for (ty, written, value) in cases {
         let spot = parse(&format!("{ty} value {written}")).expect(written);
@@ -79,10 +81,10 @@ fn constants_are_understood() {
     assert_eq!(
         found,
         [
-            ("A", Value::Integer(1)),
-            ("B_2", Value::Integer(-7)),
-            ("NAME", Value::Text("x".to_owned())),
-            ("HALF", Value::Float32(0.5)),
+            ("A", Literal::Integer(1)),
+            ("B_2", Literal::Integer(-7)),
+            ("NAME", Literal::Text("x".to_owned())),
+            ("HALF", Literal::Float32(0.5)),
         ]
     );
     assert_eq!(constants[1].doc, ["less"]);
@@ -168,16 +170,16 @@ fn bad_lines_are_refused_with_file_and_line() {
 
 #[test]
 fn names_of_files_are_checked() {
-    let found = Catalogue::new(&[source(Namespace::Msg, "spot", "")]).expect_err("a small letter");
+    let found = Catalogue::new(&[source(PackageFolder::Msg, "spot", "")]).expect_err("a small letter");
     assert_eq!(found.to_string(), "msg/spot.msg:1: `spot` cannot name a message: letters and digits, a capital first");
-    let twice = [source(Namespace::Msg, "Spot", ""), source(Namespace::Msg, "Spot", "")];
+    let twice = [source(PackageFolder::Msg, "Spot", ""), source(PackageFolder::Msg, "Spot", "")];
     let found = Catalogue::new(&twice).expect_err("two of one name");
     assert!(found.to_string().contains("`demo_msgs/msg/Spot` is defined twice"));
 }
 
 #[test]
 fn types_must_not_contain_each_other() {
-    let sources = [source(Namespace::Msg, "A", "int8 x\nB b"), source(Namespace::Msg, "B", "A[] a")];
+    let sources = [source(PackageFolder::Msg, "A", "int8 x\nB b"), source(PackageFolder::Msg, "B", "A[] a")];
     let found = Catalogue::new(&sources).expect_err("a circle");
     assert_eq!(found.to_string(), "msg/A.msg:2: demo_msgs/msg/A contains itself");
 }
@@ -185,10 +187,10 @@ fn types_must_not_contain_each_other() {
 #[test]
 fn services_and_actions_need_their_sections() {
     let cases = [
-        (Namespace::Srv, "int8 a\n", 0, 1),
-        (Namespace::Srv, "---\n---\n", 2, 1),
-        (Namespace::Action, "---\n", 1, 2),
-        (Namespace::Action, "---\n---\n---\n", 3, 2),
+        (PackageFolder::Srv, "int8 a\n", 0, 1),
+        (PackageFolder::Srv, "---\n---\n", 2, 1),
+        (PackageFolder::Action, "---\n", 1, 2),
+        (PackageFolder::Action, "---\n---\n---\n", 3, 2),
     ];
     for (namespace, text, found, expected) in cases {
         let error = Catalogue::new(&[source(namespace, "Do", text)]).expect_err(text);
@@ -199,13 +201,13 @@ fn services_and_actions_need_their_sections() {
 
 #[test]
 fn lines_are_counted_through_sections() {
-    let found = Catalogue::new(&[source(Namespace::Srv, "Do", "int8 a\n---\n\nint8 B\n")]).expect_err("a bad name");
+    let found = Catalogue::new(&[source(PackageFolder::Srv, "Do", "int8 a\n---\n\nint8 B\n")]).expect_err("a bad name");
     assert!(found.to_string().starts_with("srv/Do.srv:4: "), "{found}");
 }
 
 #[test]
 fn wide_strings_have_no_rust_type() {
-    let catalogue = Catalogue::new(&[source(Namespace::Msg, "Spot", "\nwstring text\n")]).expect("a wide string");
+    let catalogue = Catalogue::new(&[source(PackageFolder::Msg, "Spot", "\nwstring text\n")]).expect("a wide string");
     let found = emit(&catalogue, "demo_msgs").expect_err("a wide string");
     assert!(found.to_string().starts_with("msg/Spot.msg:2: `wstring` has no wire form"), "{found}");
 }
@@ -220,14 +222,14 @@ fn folders_are_read_in_order_and_strangers_refused() {
     }
     let stranger = folder.join("notes.txt");
     let _ = fs::remove_file(&stranger);
-    let sources = Source::read_package("demo_msgs", &root).expect("two definitions");
+    let sources = DefinitionFile::read_package("demo_msgs", &root).expect("two definitions");
     let names: Vec<_> = sources.iter().map(|source| source.name.as_str()).collect();
     assert_eq!(names, ["A", "B"]);
 
     fs::write(&stranger, "").expect("a file");
-    let found = Source::read_package("demo_msgs", &root).expect_err("a stranger");
+    let found = DefinitionFile::read_package("demo_msgs", &root).expect_err("a stranger");
     assert!(found.to_string().ends_with("notes.txt: only .msg files belong here"), "{found}");
 
-    let found = Source::read_packages(&root.join("absent")).expect_err("no folder");
+    let found = DefinitionFile::read_packages(&root.join("absent")).expect_err("no folder");
     assert!(found.to_string().contains("absent: "), "{found}");
 }

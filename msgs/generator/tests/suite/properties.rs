@@ -1,7 +1,7 @@
 //! Whatever text comes in, the outcome is types or an error that names a line.
 
 use crate::common::{parse, source, with_needed};
-use minifactory_msggen::{Catalogue, Error, Namespace, emit};
+use minifactory_msggen::{Catalogue, Error, PackageFolder, emit};
 use proptest::prelude::*;
 
 /// Text made of the language's own pieces, which gets further into the parser than any text does.
@@ -30,7 +30,7 @@ fn pieces() -> impl Strategy<Value = String> {
 }
 
 fn check(text: &str) -> Result<(), TestCaseError> {
-    for namespace in [Namespace::Msg, Namespace::Srv, Namespace::Action] {
+    for namespace in [PackageFolder::Msg, PackageFolder::Srv, PackageFolder::Action] {
         match Catalogue::new(&with_needed([source(namespace, "Spot", text)])) {
             Ok(catalogue) => {
                 for structure in catalogue.structures() {

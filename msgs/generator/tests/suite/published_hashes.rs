@@ -2,19 +2,25 @@
 
 use std::path::Path;
 
-use minifactory_msggen::{Catalogue, Namespace, Source, TypeName};
+use minifactory_msggen::{Catalogue, DefinitionFile, PackageFolder, TypeName};
 
-fn source(package: &str, namespace: Namespace, name: &str, text: &str) -> Source {
-    Source { package: package.to_owned(), namespace, name: name.to_owned(), file: name.into(), text: text.to_owned() }
+fn source(package: &str, namespace: PackageFolder, name: &str, text: &str) -> DefinitionFile {
+    DefinitionFile {
+        package: package.to_owned(),
+        namespace,
+        name: name.to_owned(),
+        file: name.into(),
+        text: text.to_owned(),
+    }
 }
 
 fn catalogue() -> Catalogue {
     let standard = Path::new(env!("CARGO_MANIFEST_DIR")).join("../standard");
-    let mut sources = Source::read_packages(&standard).expect("standard definitions");
-    sources.push(source("example_interfaces", Namespace::Srv, "AddTwoInts", "int64 a\nint64 b\n---\nint64 sum\n"));
+    let mut sources = DefinitionFile::read_packages(&standard).expect("standard definitions");
+    sources.push(source("example_interfaces", PackageFolder::Srv, "AddTwoInts", "int64 a\nint64 b\n---\nint64 sum\n"));
     sources.push(source(
         "action_tutorials_interfaces",
-        Namespace::Action,
+        PackageFolder::Action,
         "Fibonacci",
         "int32 order\n---\nint32[] sequence\n---\nint32[] partial_sequence\n",
     ));

@@ -1,13 +1,13 @@
 //! The emitted source. That it compiles and encodes as it should is tested where it is used.
 
 use crate::common::{source, with_needed};
-use minifactory_msggen::{Catalogue, Namespace, Source, emit};
+use minifactory_msggen::{Catalogue, DefinitionFile, PackageFolder, emit};
 
 fn emitted(text: &str) -> String {
-    emit_all(&[source(Namespace::Msg, "Spot", text)])
+    emit_all(&[source(PackageFolder::Msg, "Spot", text)])
 }
 
-fn emit_all(sources: &[Source]) -> String {
+fn emit_all(sources: &[DefinitionFile]) -> String {
     emit(&Catalogue::new(sources).expect("valid definitions"), "demo_msgs").expect("Rust source")
 }
 
@@ -69,7 +69,8 @@ fn comments_become_documentation_and_cannot_break_out_of_it() {
 
 #[test]
 fn rust_names_must_differ() {
-    let sources = with_needed([source(Namespace::Srv, "Do", "---\n"), source(Namespace::Srv, "DoRequest", "---\n")]);
+    let sources =
+        with_needed([source(PackageFolder::Srv, "Do", "---\n"), source(PackageFolder::Srv, "DoRequest", "---\n")]);
     let found = Catalogue::new(&sources).expect_err("two types of one Rust name");
     assert!(found.to_string().contains("would both be called `DoRequest` in Rust"), "{found}");
 }

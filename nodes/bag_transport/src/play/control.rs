@@ -1,3 +1,5 @@
+//! What a player can be asked for while it plays.
+
 /// What is told when a control has been obeyed.
 pub struct Done<T>(Option<Box<dyn FnOnce(T) + Send>>);
 

@@ -10,7 +10,7 @@ use super::{PlayError, PlaySettings};
 use feeder_bags::cdr::{HEADER_BYTES, MessageType, is_little_endian};
 use feeder_bags::dds_type;
 use feeder_bags::qos::{self, History, QosProfile, parse_profiles};
-use feeder_bags::{Bag, Message, Topic};
+use feeder_bags::{Bag, RecordedMessage, Topic};
 
 /// Samples that a slow reader may leave unacknowledged.
 const BACKLOG: u16 = 2048;
@@ -57,7 +57,7 @@ impl Outlets {
 
     /// # Errors
     /// The reason, in words that are the same for all messages that fail alike.
-    pub(super) fn publish(&self, message: &Message) -> Result<(), String> {
+    pub(super) fn publish(&self, message: &RecordedMessage) -> Result<(), String> {
         let Some(outlet) = self.writers.get(&message.topic) else { return Ok(()) };
         let fail = |reason: String| format!("{}: {reason}", outlet.name);
         let body = if is_little_endian(&message.data).map_err(fail)? {

@@ -4,19 +4,19 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use feeder_bags::{Bag, Message, Query};
+use feeder_bags::{Bag, Query, RecordedMessage};
 
 /// Messages that are read ahead.
 const AHEAD: usize = 512;
 
-pub(super) struct Source {
-    messages: Receiver<Message>,
-    next: Option<Message>,
+pub(super) struct BagSource {
+    messages: Receiver<RecordedMessage>,
+    next: Option<RecordedMessage>,
     /// What could not be read, counted.
     errors: Arc<Mutex<BTreeMap<String, u64>>>,
 }
 
-impl Source {
+impl BagSource {
     /// The messages of these topics within these times.
     pub(super) fn start(bag: &Arc<Bag>, topics: BTreeSet<usize>, start_ns: u64, end_ns: u64) -> Self {
         let (sender, messages) = sync_channel(AHEAD);
@@ -45,14 +45,14 @@ impl Source {
         Self { messages, next: None, errors }
     }
 
-    pub(super) fn peek(&mut self) -> Option<&Message> {
+    pub(super) fn peek(&mut self) -> Option<&RecordedMessage> {
         if self.next.is_none() {
             self.next = self.messages.recv().ok();
         }
         self.next.as_ref()
     }
 
-    pub(super) fn next(&mut self) -> Option<Message> {
+    pub(super) fn next(&mut self) -> Option<RecordedMessage> {
         self.peek();
         self.next.take()
     }

@@ -1,6 +1,6 @@
 //! The courier driver without its hardware: what may be commanded, how it is followed, and the servo loop.
 //!
-//! A [`CourierDriver`] superposes two motions. The *nominal* motion is where the courier is sent, by trajectories
+//! A [`Driver`] superposes two motions. The *nominal* motion is where the courier is sent, by trajectories
 //! ([`Trajectory`]). The *vibration* repeats a
 //! [`Waveform`](feeder_model::waveform::Waveform) about it. Their sum is the set point of a
 //! servo loop ([`control`]) that drives a [`PlanarMotor`](feeder_model::motor::PlanarMotor): the hardware, or a simulation of it.
@@ -33,13 +33,12 @@ mod vibration;
 mod vibrator;
 
 pub use config::CourierConfig;
-pub use driver::CourierDriver;
+pub use driver::Driver;
 pub use envelope::WaveformEnvelope;
 pub use estimator::EstimatorParameters;
 pub use feeder_model::trajectory::{AXES, Tolerances, Trajectory, TrajectoryPoint};
 pub use learning::LearningParameters;
 pub use limits::{CourierLimits, LimitViolation};
 pub use rejection::Rejection;
-pub use report::{Commander, DriverEvent, DriverStatus, Fault, GoalHandle, GoalOutcome, StepOutput};
+pub use report::{Commander, DriverEvent, DriverStatus, Fault, GoalHandle, GoalOutcome, StepOutput, VibrationPhase};
 pub use safety::SafetyParameters;
-pub use vibrator::VibrationPhase;

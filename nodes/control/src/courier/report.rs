@@ -3,9 +3,9 @@
 use std::fmt;
 
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::vibrator::VibrationPhase;
 use feeder_model::trajectory::AXES;
 
 /// Names an accepted trajectory.
@@ -119,6 +119,21 @@ pub enum DriverEvent {
     GoalEnded(GoalHandle, GoalOutcome),
     /// The driver stopped itself and waits for a reset.
     Fault(Fault),
+}
+
+/// What the vibration does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VibrationPhase {
+    /// Nothing: the tray is still but for trajectories.
+    #[default]
+    Off,
+    /// It grows to its amplitude.
+    FadingIn,
+    /// It repeats its waveform.
+    Steady,
+    /// It shrinks to nothing.
+    FadingOut,
 }
 
 /// The driver's state at the end of a step.

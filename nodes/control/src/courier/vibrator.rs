@@ -1,28 +1,13 @@
 //! Starts and ends vibrations: one runs at a time, and each ends at the end of a period before the next begins.
 
 use nalgebra::Vector3;
-use serde::{Deserialize, Serialize};
 
 use super::learning::Instant;
 use super::limits::{Extent, LimitViolation};
 use super::rejection::Rejection;
+use super::report::VibrationPhase;
 use super::vibration::Vibration;
 use feeder_model::waveform::Waveform;
-
-/// What the vibration does.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum VibrationPhase {
-    /// Nothing: the tray is still but for trajectories.
-    #[default]
-    Off,
-    /// It grows to its amplitude.
-    FadingIn,
-    /// It repeats its waveform.
-    Steady,
-    /// It shrinks to nothing.
-    FadingOut,
-}
 
 /// A vibration under way.
 #[derive(Clone, Debug)]

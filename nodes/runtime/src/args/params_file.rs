@@ -1,3 +1,5 @@
+//! Parameter files: YAML that gives values to the parameters of some nodes.
+
 use std::fmt;
 use std::sync::Arc;
 

@@ -1,3 +1,5 @@
+//! Rules that give another name to a topic, a service or a node.
+
 use crate::dds::{DdsError, NodeName, check_absolute};
 
 /// What a name stands for.

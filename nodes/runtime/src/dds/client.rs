@@ -1,3 +1,5 @@
+//! Clients of services: a request goes out, and its reply comes back or the call ends in time.
+
 use std::{
     collections::BTreeMap,
     fmt,

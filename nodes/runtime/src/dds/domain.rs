@@ -1,3 +1,5 @@
+//! The DDS domain, and how far others are looked for, as the environment says.
+
 use super::DdsError;
 
 const DOMAIN_ID: &str = "ROS_DOMAIN_ID";

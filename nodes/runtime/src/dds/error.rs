@@ -1,3 +1,5 @@
+//! Why nothing can be opened or published.
+
 use bytes::Bytes;
 
 /// Why something could not be opened on the network.

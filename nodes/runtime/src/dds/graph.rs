@@ -1,3 +1,5 @@
+//! What is known of the nodes and endpoints of other participants.
+
 use std::{
     collections::{BTreeMap, BTreeSet},
     net::SocketAddr,

@@ -1,3 +1,5 @@
+//! Names of nodes, topics and services, checked, and as DDS spells them.
+
 use std::fmt;
 
 use super::DdsError;

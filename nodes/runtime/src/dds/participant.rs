@@ -1,3 +1,5 @@
+//! A node's presence in a domain, with which endpoints are opened.
+
 use std::{
     collections::BTreeSet,
     fmt,
@@ -6,7 +8,6 @@ use std::{
     time::Duration,
 };
 
-use minifactory_msgs::{Message, interface::TopicSpec};
 use ros2_client::{
     Gid,
     builtin_topics::ros_discovery,
@@ -18,13 +19,11 @@ use ros2_client::{
 };
 
 use super::{
-    DdsError, DiscoveryRange, Domain, Graph, Guid, NodeName, Qos, Reader, SOCKET_BUFFER_BYTES, Sample, Writer,
+    DdsError, DiscoveryRange, Domain, Graph, Guid, NodeName, SOCKET_BUFFER_BYTES,
     executor::{Executor, Spawner, Task as BackgroundTask},
     graph::{self, Nodes},
     lull::Lull,
-    names::dds_name,
-    qos::policies_of,
-    raw::{Raw, RawAdapter, RawReader, RawWriter},
+    raw::{Raw, RawAdapter},
     signals::Masked,
     tally::{Counter, Loss, Tally},
 };
@@ -33,7 +32,7 @@ use super::{
 /// last reader and writer made with them, is dropped.
 #[derive(Clone)]
 pub struct Participant {
-    inner: Arc<Inner>,
+    pub(super) inner: Arc<Inner>,
 }
 
 /// How long a participant stays after its last endpoint has gone. The DDS library stops its sending thread without
@@ -56,8 +55,8 @@ pub(super) struct Inner {
     announcement: Mutex<Announcement>,
     nodes: Arc<Nodes>,
     lull: Mutex<Lull>,
-    publisher: Publisher,
-    subscriber: Subscriber,
+    pub(super) publisher: Publisher,
+    pub(super) subscriber: Subscriber,
     name: NodeName,
     domain: Domain,
     pub(super) tally: Tally,
@@ -110,7 +109,7 @@ impl Participant {
         let (publisher, subscriber, writer, reader) = join().map_err(|error| refuse(error.to_string()))?;
         let executor = Executor::start(&format!("dds {}", node.name())).map_err(|error| refuse(error.to_string()))?;
         let nodes = Arc::new(Nodes::default());
-        executor.spawner().spawn(super::reader::drain_into(reader, {
+        executor.spawner().spawn(super::drain::drain_into(reader, {
             let nodes = nodes.clone();
             move |sample| nodes.take(&sample)
         }));
@@ -136,52 +135,6 @@ impl Participant {
         };
         inner.announcement().publish(true);
         Ok(Self { inner: Arc::new(inner) })
-    }
-
-    /// Publishes a ROS topic, e.g. `/feeder/waveform` of DDS type
-    /// `minifactory_msgs::msg::dds_::Waveform_`.
-    ///
-    /// # Errors
-    /// [`DdsError::Name`] for a bad topic, [`DdsError::Endpoint`] when the middleware refuses.
-    pub fn writer(&self, topic: &str, dds_type: &str, qos: &Qos) -> Result<Writer, DdsError> {
-        self.writer_of(&dds_name("topic", "rt", topic, "")?, dds_type, qos)
-    }
-
-    /// Subscribes to a ROS topic. Samples go to `deliver` on the participant's thread, which must
-    /// return soon (see [the module](super)), must not panic, and must not own the last handle of
-    /// this participant.
-    ///
-    /// # Errors
-    /// [`DdsError::Name`] for a bad topic, [`DdsError::Endpoint`] when the middleware refuses.
-    pub fn reader(
-        &self,
-        topic: &str,
-        dds_type: &str,
-        qos: &Qos,
-        deliver: impl FnMut(Sample) + Send + 'static,
-    ) -> Result<Reader, DdsError> {
-        self.reader_of(&dds_name("topic", "rt", topic, "")?, dds_type, qos, deliver)
-    }
-
-    /// Publishes a stated topic, whose owners live in `namespace`.
-    ///
-    /// # Errors
-    /// As [`writer`](Self::writer).
-    pub fn topic_writer<M: Message>(&self, topic: &TopicSpec<M>, namespace: &str) -> Result<Writer, DdsError> {
-        self.writer(&topic.name_in(namespace), &topic.dds_type(), &topic.qos())
-    }
-
-    /// Subscribes to a stated topic, whose owners live in `namespace`; see [`reader`](Self::reader).
-    ///
-    /// # Errors
-    /// As [`reader`](Self::reader).
-    pub fn topic_reader<M: Message>(
-        &self,
-        topic: &TopicSpec<M>,
-        namespace: &str,
-        deliver: impl FnMut(Sample) + Send + 'static,
-    ) -> Result<Reader, DdsError> {
-        self.reader(&topic.name_in(namespace), &topic.dds_type(), &topic.qos(), deliver)
     }
 
     /// What discovery knows of other participants now; this one is not part of it.
@@ -239,40 +192,6 @@ impl Participant {
     pub(super) fn spawner(&self) -> Spawner {
         self.inner.executor.spawner().clone()
     }
-
-    /// A writer of a topic given by its DDS name.
-    pub(super) fn writer_of(&self, name: &str, dds_type: &str, qos: &Qos) -> Result<Writer, DdsError> {
-        let policies = policies_of(*qos);
-        let make = || -> Result<RawWriter, CreateError> {
-            let topic = self.inner.topic(name, dds_type, &policies)?;
-            self.inner.publisher.create_datawriter_no_key(&topic, Some(policies.clone()))
-        };
-        let raw = self.inner.in_a_lull(make).map_err(|error| endpoint_error("writer", name, &error))?;
-        let guid = raw.guid().into();
-        let writer = Writer::start(self.inner.clone(), raw, name, dds_type, *qos);
-        self.inner.announcement().change(|a| a.writers.insert(guid));
-        Ok(writer)
-    }
-
-    /// A reader of a topic given by its DDS name.
-    pub(super) fn reader_of(
-        &self,
-        name: &str,
-        dds_type: &str,
-        qos: &Qos,
-        deliver: impl FnMut(Sample) + Send + 'static,
-    ) -> Result<Reader, DdsError> {
-        let policies = policies_of(*qos);
-        let make = || -> Result<RawReader, CreateError> {
-            let topic = self.inner.topic(name, dds_type, &policies)?;
-            self.inner.subscriber.create_simple_datareader_no_key(&topic, Some(policies.clone()))
-        };
-        let raw = self.inner.in_a_lull(make).map_err(|error| endpoint_error("reader", name, &error))?;
-        let guid = raw.guid().into();
-        let reader = Reader::start(self.inner.clone(), raw, name.into(), dds_type, *qos, deliver);
-        self.inner.announcement().change(|a| a.readers.insert(guid));
-        Ok(reader)
-    }
 }
 
 impl fmt::Debug for Participant {
@@ -281,21 +200,21 @@ impl fmt::Debug for Participant {
     }
 }
 
-fn endpoint_error(what: &'static str, name: &str, error: &CreateError) -> DdsError {
+pub(super) fn endpoint_error(what: &'static str, name: &str, error: &CreateError) -> DdsError {
     DdsError::Endpoint { what, name: name.to_owned(), reason: error.to_string() }
 }
 
 impl Inner {
-    fn topic(&self, name: &str, dds_type: &str, policies: &QosPolicies) -> Result<Topic, CreateError> {
+    pub(super) fn topic(&self, name: &str, dds_type: &str, policies: &QosPolicies) -> Result<Topic, CreateError> {
         self.domain_participant.create_topic(name.to_owned(), dds_type.to_owned(), policies, TopicKind::NoKey)
     }
 
     /// Makes an endpoint, one at a time, when that can be done.
-    fn in_a_lull<T>(&self, make: impl FnOnce() -> T) -> T {
+    pub(super) fn in_a_lull<T>(&self, make: impl FnOnce() -> T) -> T {
         self.lull.lock().unwrap_or_else(PoisonError::into_inner).make(make)
     }
 
-    fn announcement(&self) -> MutexGuard<'_, Announcement> {
+    pub(super) fn announcement(&self) -> MutexGuard<'_, Announcement> {
         self.announcement.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -309,16 +228,16 @@ impl Inner {
 }
 
 /// What `ros_discovery_info` says of this participant: which node, and which endpoints are its own.
-struct Announcement {
+pub(super) struct Announcement {
     writer: DataWriterCdr<ParticipantEntitiesInfo>,
     participant: Guid,
     name: NodeName,
-    readers: BTreeSet<Guid>,
-    writers: BTreeSet<Guid>,
+    pub(super) readers: BTreeSet<Guid>,
+    pub(super) writers: BTreeSet<Guid>,
 }
 
 impl Announcement {
-    fn change(&mut self, change: impl FnOnce(&mut Self) -> bool) {
+    pub(super) fn change(&mut self, change: impl FnOnce(&mut Self) -> bool) {
         if change(self) {
             self.publish(true);
         }

@@ -1,3 +1,5 @@
+//! The endpoints of others that one of ours has found.
+
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::atomic::{AtomicUsize, Ordering},

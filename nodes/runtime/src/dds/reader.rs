@@ -1,21 +1,74 @@
-use std::collections::BTreeMap;
+//! Subscriptions.
+
 use std::sync::Arc;
 
-use futures::{StreamExt, pin_mut};
-use ros2_client::dds::rustdds::{DataReaderStatus, StatusEvented};
+use futures::StreamExt;
+use minifactory_msgs::Message;
+use minifactory_msgs::interface::TopicSpec;
+use ros2_client::dds::rustdds::{DataReaderStatus, StatusEvented, dds::CreateError};
 
 use super::{
-    Guid, Qos, Reliability, Sample,
+    DdsError, Guid, Participant, Qos, Sample,
+    drain::{Losses, drain},
     executor::Task,
     graph,
-    participant::Inner,
+    names::dds_name,
+    participant::{Inner, endpoint_error},
     peers::{PeerEvent, Peers},
+    qos::policies_of,
     raw::RawReader,
-    tally::{Counter, Tally},
 };
 
-/// Samples handed over before other readers get their turn.
-const BURST: usize = 64;
+impl Participant {
+    /// Subscribes to a ROS topic. Samples go to `deliver` on the participant's thread, which must
+    /// return soon (see [the module](super)), must not panic, and must not own the last handle of
+    /// this participant.
+    ///
+    /// # Errors
+    /// [`DdsError::Name`] for a bad topic, [`DdsError::Endpoint`] when the middleware refuses.
+    pub fn reader(
+        &self,
+        topic: &str,
+        dds_type: &str,
+        qos: &Qos,
+        deliver: impl FnMut(Sample) + Send + 'static,
+    ) -> Result<Reader, DdsError> {
+        self.reader_of(&dds_name("topic", "rt", topic, "")?, dds_type, qos, deliver)
+    }
+
+    /// Subscribes to a stated topic, whose owners live in `namespace`; see [`reader`](Self::reader).
+    ///
+    /// # Errors
+    /// As [`reader`](Self::reader).
+    pub fn topic_reader<M: Message>(
+        &self,
+        topic: &TopicSpec<M>,
+        namespace: &str,
+        deliver: impl FnMut(Sample) + Send + 'static,
+    ) -> Result<Reader, DdsError> {
+        self.reader(&topic.name_in(namespace), &topic.dds_type(), &topic.qos(), deliver)
+    }
+
+    /// A reader of a topic given by its DDS name.
+    pub(super) fn reader_of(
+        &self,
+        name: &str,
+        dds_type: &str,
+        qos: &Qos,
+        deliver: impl FnMut(Sample) + Send + 'static,
+    ) -> Result<Reader, DdsError> {
+        let policies = policies_of(*qos);
+        let make = || -> Result<RawReader, CreateError> {
+            let topic = self.inner.topic(name, dds_type, &policies)?;
+            self.inner.subscriber.create_simple_datareader_no_key(&topic, Some(policies.clone()))
+        };
+        let raw = self.inner.in_a_lull(make).map_err(|error| endpoint_error("reader", name, &error))?;
+        let guid = raw.guid().into();
+        let reader = Reader::start(self.inner.clone(), raw, name.into(), dds_type, *qos, deliver);
+        self.inner.announcement().change(|a| a.readers.insert(guid));
+        Ok(reader)
+    }
+}
 
 /// A subscription. Samples go to the function it was made with until it is dropped; when `drop`
 /// returns the function has ended and is gone.
@@ -101,95 +154,9 @@ impl Reader {
     }
 }
 
-/// What a reader did not hand over.
-#[derive(Clone)]
-struct Losses {
-    refused: Arc<Counter>,
-    lost: Arc<Counter>,
-    reliability: Reliability,
-}
-
-impl Losses {
-    fn new(tally: &Tally, topic: &str, reliability: Reliability) -> Self {
-        let lost = match reliability {
-            Reliability::Reliable => "samples lost",
-            Reliability::BestEffort => "samples lost (best effort)",
-        };
-        Self { refused: tally.counter(topic, "samples refused"), lost: tally.counter(topic, lost), reliability }
-    }
-
-    fn lose(&self, topic: &str, writer: Guid, missing: u64) {
-        if missing == 0 {
-            return;
-        }
-        let lost = self.lost.add(missing);
-        // Said when the count doubles, so that a stream of losses does not fill the log.
-        let doubled = lost.checked_ilog2() != (lost - missing).checked_ilog2();
-        if doubled && self.reliability == Reliability::Reliable {
-            tracing::warn!(topic, %writer, lost, "samples were lost");
-        }
-    }
-}
-
-/// Finds gaps in the numbers that writers give their samples.
-#[derive(Debug, Default)]
-struct Numbers(BTreeMap<Guid, i64>);
-
-impl Numbers {
-    /// Writers that are remembered, also when they have left; when there are more, all others are forgotten.
-    const WRITERS_MAX: usize = 256;
-
-    /// How many samples of this writer are missing since its last one.
-    fn missing(&mut self, writer: Guid, sequence: i64) -> u64 {
-        let last = self.0.entry(writer).or_insert(sequence);
-        let missing = u64::try_from(sequence.saturating_sub(*last).saturating_sub(1)).unwrap_or(0);
-        *last = sequence.max(*last);
-        if self.0.len() > Self::WRITERS_MAX {
-            self.0.retain(|known, _| *known == writer);
-        }
-        missing
-    }
-}
-
 impl Drop for Reader {
     fn drop(&mut self) {
         self.participant.withdraw_reader(self.guid);
-    }
-}
-
-/// Drains a reader that is nobody's subscription.
-pub(super) async fn drain_into(raw: RawReader, deliver: impl FnMut(Sample) + Send + 'static) {
-    let topic = Arc::from("ros_discovery_info");
-    // Nodes announce themselves again whenever something changes, so a loss here does not last.
-    let losses = Losses::new(&Tally::default(), "ros_discovery_info", Reliability::Reliable);
-    drain(Arc::new(raw), topic, losses, deliver).await;
-}
-
-/// Hands every sample over as it comes.
-async fn drain(raw: Arc<RawReader>, topic: Arc<str>, losses: Losses, mut deliver: impl FnMut(Sample) + Send + 'static) {
-    let samples = raw.as_async_stream();
-    pin_mut!(samples);
-    let mut numbers = Numbers::default();
-    let mut run = 0;
-    while let Some(sample) = samples.next().await {
-        match sample {
-            Ok(change) => {
-                let sample = Sample::from_change(change);
-                // Requests and replies go to one reader each, so that numbers are left out for the others.
-                if topic.starts_with("rt/") {
-                    losses.lose(&topic, sample.writer_guid, numbers.missing(sample.writer_guid, sample.sequence));
-                }
-                deliver(sample);
-            }
-            Err(error) => {
-                let refused = losses.refused.add(1);
-                tracing::warn!(%topic, refused, "sample refused: {error}");
-            }
-        }
-        run += 1;
-        if run % BURST == 0 {
-            tokio::task::yield_now().await;
-        }
     }
 }
 
@@ -204,33 +171,5 @@ fn peer_event(status: &DataReaderStatus) -> PeerEvent {
             PeerEvent::Incompatible((*writer).into(), format!("{last_policy_id:?}"))
         }
         _ => PeerEvent::Other,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn gaps_are_counted_for_each_writer_apart() {
-        let mut numbers = Numbers::default();
-        let (one, other) = (Guid([1; 16]), Guid([2; 16]));
-        // Whoever comes late has lost nothing by it.
-        assert_eq!([7, 8, 9].map(|sequence| numbers.missing(one, sequence)), [0, 0, 0]);
-        assert_eq!([1, 3, 2, 4].map(|sequence| numbers.missing(other, sequence)), [0, 1, 0, 0]);
-        assert_eq!(numbers.missing(one, 20), 10);
-        assert_eq!(numbers.missing(one, i64::MIN), 0);
-        assert_eq!(numbers.missing(Guid([3; 16]), i64::MAX), 0);
-    }
-
-    #[test]
-    fn writers_that_come_and_go_are_forgotten() {
-        let mut numbers = Numbers::default();
-        for number in 0..10_000_u64 {
-            let mut guid = [0; 16];
-            guid[..8].copy_from_slice(&number.to_be_bytes());
-            numbers.missing(Guid(guid), 1);
-        }
-        assert!(numbers.0.len() <= Numbers::WRITERS_MAX);
     }
 }

@@ -1,3 +1,5 @@
+//! Servers of services: requests come in, and each reply goes out until the client has it.
+
 use std::{
     collections::BTreeMap,
     fmt,

@@ -1,24 +1,63 @@
+//! Publications.
+
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
 use bytes::Bytes;
 use futures::{FutureExt, StreamExt};
+use minifactory_msgs::Message;
+use minifactory_msgs::interface::TopicSpec;
 use ros2_client::dds::rustdds::{
-    DataWriterStatus, RTPSEntity, StatusEvented, Timestamp, WriteOptionsBuilder, dds::WriteError,
+    DataWriterStatus, RTPSEntity, StatusEvented, Timestamp, WriteOptionsBuilder,
+    dds::{CreateError, WriteError},
 };
-
 use serde::Serialize;
 
 use super::{
-    Guid, PublishError, Qos, SampleId,
+    DdsError, Guid, Participant, PublishError, Qos, SampleId,
     datagram::FRAGMENTED_ABOVE_BYTES,
     executor::Task,
     graph,
-    participant::Inner,
+    names::dds_name,
+    participant::{Inner, endpoint_error},
     peers::{PeerEvent, Peers},
+    qos::policies_of,
     raw::{Raw, RawWriter},
 };
 use crate::cdr;
+
+impl Participant {
+    /// Publishes a ROS topic, e.g. `/feeder/waveform` of DDS type
+    /// `minifactory_msgs::msg::dds_::Waveform_`.
+    ///
+    /// # Errors
+    /// [`DdsError::Name`] for a bad topic, [`DdsError::Endpoint`] when the middleware refuses.
+    pub fn writer(&self, topic: &str, dds_type: &str, qos: &Qos) -> Result<Writer, DdsError> {
+        self.writer_of(&dds_name("topic", "rt", topic, "")?, dds_type, qos)
+    }
+
+    /// Publishes a stated topic, whose owners live in `namespace`.
+    ///
+    /// # Errors
+    /// As [`writer`](Self::writer).
+    pub fn topic_writer<M: Message>(&self, topic: &TopicSpec<M>, namespace: &str) -> Result<Writer, DdsError> {
+        self.writer(&topic.name_in(namespace), &topic.dds_type(), &topic.qos())
+    }
+
+    /// A writer of a topic given by its DDS name.
+    pub(super) fn writer_of(&self, name: &str, dds_type: &str, qos: &Qos) -> Result<Writer, DdsError> {
+        let policies = policies_of(*qos);
+        let make = || -> Result<RawWriter, CreateError> {
+            let topic = self.inner.topic(name, dds_type, &policies)?;
+            self.inner.publisher.create_datawriter_no_key(&topic, Some(policies.clone()))
+        };
+        let raw = self.inner.in_a_lull(make).map_err(|error| endpoint_error("writer", name, &error))?;
+        let guid = raw.guid().into();
+        let writer = Writer::start(self.inner.clone(), raw, name, dds_type, *qos);
+        self.inner.announcement().change(|a| a.writers.insert(guid));
+        Ok(writer)
+    }
+}
 
 /// A publication. Any thread may publish.
 pub struct Writer {

@@ -53,7 +53,7 @@ pub enum ClockError {
 }
 
 #[derive(Debug)]
-struct Seen {
+struct NodeProgress {
     tick: u64,
     wired: bool,
     waiting_for: String,
@@ -62,11 +62,11 @@ struct Seen {
 
 /// The state of the clock. Wall time arrives as the time since the clock was made.
 #[derive(Debug)]
-pub struct Clock {
+pub struct LoopClock {
     contract: LoopContract,
     speed: Speed,
     start_up_limit: Duration,
-    nodes: BTreeMap<String, Seen>,
+    nodes: BTreeMap<String, NodeProgress>,
     started_at: Option<Duration>,
     /// When and at which tick the present speed began.
     paced_from: (Duration, u64),
@@ -76,7 +76,7 @@ pub struct Clock {
     progress_at: Duration,
 }
 
-impl Clock {
+impl LoopClock {
     /// A clock for `contract` that ends the run at `end_tick` at the latest.
     #[must_use]
     pub fn new(contract: LoopContract, speed: Speed, end_tick: u64, start_up_limit: Duration) -> Self {
@@ -155,7 +155,7 @@ impl Clock {
         if status.goal_tick != LoopStatus::NO_GOAL {
             self.end_tick = self.end_tick.min(status.goal_tick + self.contract.timing.window_ticks);
         }
-        let seen = self.nodes.entry(status.node.clone()).or_insert_with(|| Seen {
+        let seen = self.nodes.entry(status.node.clone()).or_insert_with(|| NodeProgress {
             tick: 0,
             wired: false,
             waiting_for: String::new(),
@@ -259,7 +259,7 @@ impl Clock {
     /// Who is silent, or when nobody is, what each node waits for. A machine that stands still silences all nodes for a
     /// while; the one that has stopped the loop has been silent for longest.
     fn culprits(&self, now: Duration) -> String {
-        let silent_for = |seen: &Seen| now.saturating_sub(seen.heard_at);
+        let silent_for = |seen: &NodeProgress| now.saturating_sub(seen.heard_at);
         let longest = self.nodes.values().map(silent_for).max().unwrap_or_default();
         let limit = SILENCE_LIMIT.max(longest * 3 / 4);
         let silent: Vec<String> = self
@@ -282,7 +282,7 @@ mod tests {
     use super::*;
     use crate::lockstep::LoopTiming;
 
-    fn clock(speed: Speed) -> Clock {
+    fn clock(speed: Speed) -> LoopClock {
         let timing =
             LoopTiming { tick_ns: 10_000_000, forward_delay_ticks: 1, feedback_delay_ticks: 10, window_ticks: 32 };
         let contract = LoopContract {
@@ -292,7 +292,7 @@ mod tests {
             edges: Vec::new(),
             shared_topics: Vec::new(),
         };
-        Clock::new(contract, speed, 1000, Duration::from_secs(10))
+        LoopClock::new(contract, speed, 1000, Duration::from_secs(10))
     }
 
     fn status(node: &str, tick: u64) -> LoopStatus {
@@ -347,7 +347,7 @@ mod tests {
     #[test]
     fn another_speed_holds_from_where_the_run_is() {
         let mut clock = clock(Speed::Paced(1.0));
-        let reach = |clock: &mut Clock, tick, now| {
+        let reach = |clock: &mut LoopClock, tick, now| {
             for node in ["a", "b"] {
                 clock.accept(&status(node, tick), now).unwrap();
             }

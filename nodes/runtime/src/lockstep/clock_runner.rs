@@ -11,13 +11,13 @@ use minifactory_msgs::interface::standard::CLOCK;
 use minifactory_msgs::msg::{LoopGrant, LoopStatus};
 use minifactory_msgs::rosgraph_msgs::msg::Clock as ClockMessage;
 
-use super::clock::{Clock, ClockError, Speed};
+use super::clock::{ClockError, LoopClock, Speed};
 use super::contract::LoopContract;
 use super::hub::Hub;
 use super::links::{GRANT_TOPIC, LoopWriter, STATUS_TOPIC, read};
 use super::runner::RunError;
 use crate::cdr;
-use crate::clock::Clock as NodeClock;
+use crate::clock::TimeSource;
 use crate::dds::{Participant, Reader, Writer};
 use crate::digest::Digest;
 use crate::housekeeping::{Housekeeping, own_parameters};
@@ -46,7 +46,7 @@ pub enum RunEnd {
 
 /// The clock of a run over DDS.
 pub struct ClockRunner {
-    clock: Clock,
+    clock: LoopClock,
     tick_ns: u64,
     statuses: Receiver<LoopStatus>,
     nodes: Nodes,
@@ -127,7 +127,7 @@ impl ClockRunner {
         participant: &Participant,
         contract: &LoopContract,
         hub: Option<&Hub>,
-        clock: Clock,
+        clock: LoopClock,
         digest: Digest,
     ) -> Result<Self, RunError> {
         let (sender, statuses): (Sender<LoopStatus>, _) = channel();
@@ -158,7 +158,7 @@ impl ClockRunner {
             }
             Ok(())
         };
-        let now: NodeClock = Arc::new(crate::clock::wall_clock);
+        let now: TimeSource = Arc::new(crate::clock::wall_clock);
         let housekeeping = Housekeeping::open(participant, parameters(clock.speed())?, &now, accept)?;
         Ok(Self {
             clock,

@@ -18,9 +18,9 @@ mod links;
 mod routing;
 mod runner;
 
-pub use clock::{Clock, ClockError, STALL_LIMIT, Speed};
+pub use clock::{ClockError, LoopClock, STALL_LIMIT, Speed};
 pub use clock_runner::{ClockRunner, RunEnd, clock_interface};
-pub use contract::{Channel, ContractError, Edge, LoopContract, LoopTiming};
+pub use contract::{Channel, ContractError, LoopContract, LoopEdge, LoopTiming};
 pub use engine::{Blocked, Engine, Input, LoopError, Route};
 pub use hub::Hub;
 pub(crate) use links::DdsLinks;

@@ -1,3 +1,5 @@
+//! Parameters as their node declares them: default, description, range.
+
 use minifactory_msgs::rcl_interfaces::msg::{FloatingPointRange, IntegerRange, ParameterDescriptor};
 
 use super::Value;

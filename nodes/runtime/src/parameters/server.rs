@@ -1,3 +1,5 @@
+//! The parameter services of a node, and the events that tell of changes.
+
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
@@ -17,7 +19,7 @@ use minifactory_msgs::{
 
 use super::{Store, Value};
 use crate::{
-    clock::Clock,
+    clock::TimeSource,
     dds::{DdsError, Outlet, Participant, Server, Writer},
 };
 
@@ -84,7 +86,7 @@ impl ParameterServer {
     pub fn new(
         participant: &Participant,
         store: Store,
-        clock: Clock,
+        clock: TimeSource,
         accept: impl FnMut(&[(String, Value)]) -> Result<(), String> + Send + 'static,
     ) -> Result<Self, DdsError> {
         let events = participant.topic_writer(&PARAMETER_EVENTS, "")?;
@@ -164,7 +166,7 @@ struct Shared {
     state: Mutex<State>,
     events: Arc<Outlet>,
     node: String,
-    clock: Clock,
+    clock: TimeSource,
 }
 
 impl Shared {

@@ -1,3 +1,5 @@
+//! The parameters of a node, and the checks that a change must pass.
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use minifactory_msgs::rcl_interfaces::{

@@ -1,3 +1,5 @@
+//! Values of parameters, from and to messages and YAML.
+
 use std::fmt;
 
 use minifactory_msgs::rcl_interfaces::msg::{ParameterType, ParameterValue};

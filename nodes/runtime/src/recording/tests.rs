@@ -1,3 +1,5 @@
+//! What a recorder gets of what nodes publish, and what happens when either end is slow or gone.
+
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;

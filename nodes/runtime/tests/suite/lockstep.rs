@@ -8,7 +8,7 @@ use std::time::Duration;
 use feeder_runtime::dds::{Domain, NodeName, Participant, Qos};
 use feeder_runtime::digest::{self, Digest, DigestLine};
 use feeder_runtime::launch::{Seat, full_name, run_in_loop, run_opened};
-use feeder_runtime::lockstep::{Clock, ClockRunner, LoopContract, LoopTiming, Speed};
+use feeder_runtime::lockstep::{ClockRunner, LoopClock, LoopContract, LoopTiming, Speed};
 use feeder_runtime::node::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, Client, ClientEvent, Declare, FeederNode,
     GoalEnd, GoalId, Interface, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber,
@@ -319,7 +319,7 @@ fn run_then(domain: &Domain, run_id: u64, ticks: u64, quirks: [Quirk; 3], after:
     let contract = contract(run_id);
     let mut nodes = start(domain, &contract, quirks);
     let participant = clocks_participant(domain);
-    let clock = Clock::new(contract.clone(), Speed::Max, ticks, START_UP_LIMIT);
+    let clock = LoopClock::new(contract.clone(), Speed::Max, ticks, START_UP_LIMIT);
     let digest = Digest::new(Some(nodes.digests.path()), "/clock", &[]);
     let mut clock = ClockRunner::open(&participant, &contract, None, clock, digest).unwrap();
     let end = clock.run(&AtomicBool::new(false), |_| Ok(())).map_err(|error| error.to_string());
@@ -423,7 +423,7 @@ fn nodes_leave_when_their_clock_vanishes() {
     let contract = contract(1);
     let mut nodes = start(&domain, &contract, PLAIN);
     let participant = clocks_participant(&domain);
-    let clock = Clock::new(contract.clone(), Speed::Paced(1.0), 1_000_000, START_UP_LIMIT);
+    let clock = LoopClock::new(contract.clone(), Speed::Paced(1.0), 1_000_000, START_UP_LIMIT);
     let mut clock = ClockRunner::open(&participant, &contract, None, clock, Digest::new(None, "/clock", &[])).unwrap();
     // A clock that is killed says nothing any more; one that merely fails tells the nodes.
     let died = std::thread::spawn(move || {
@@ -441,7 +441,7 @@ fn a_loop_that_lacks_a_node_does_not_start_and_says_who() {
     let domain = TestDomain::claim();
     let contract = contract(1);
     let participant = clocks_participant(&domain);
-    let clock = Clock::new(contract.clone(), Speed::Max, 10, Duration::from_millis(300));
+    let clock = LoopClock::new(contract.clone(), Speed::Max, 10, Duration::from_millis(300));
     let mut clock = ClockRunner::open(&participant, &contract, None, clock, Digest::new(None, "/clock", &[])).unwrap();
     let error = clock.run(&AtomicBool::new(false), |_| Ok(())).unwrap_err().to_string();
     for name in NAMES {

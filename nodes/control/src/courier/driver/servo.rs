@@ -4,15 +4,15 @@ use nalgebra::Vector3;
 
 use super::super::control::SetPoint;
 use super::super::estimator::Estimate;
+use super::super::report::VibrationPhase;
 use super::super::report::{Commander, DriverStatus, Fault, GoalOutcome, StepOutput};
 use super::super::safety::Seen;
 use super::super::tolerance::violation;
 use super::super::trajectory::State;
-use super::super::vibrator::VibrationPhase;
-use super::CourierDriver;
+use super::Driver;
 use feeder_model::motor::PlanarMotor;
 
-impl<P: PlanarMotor> CourierDriver<P> {
+impl<P: PlanarMotor> Driver<P> {
     /// Runs `ticks` servo ticks.
     pub fn step(&mut self, ticks: usize) -> StepOutput {
         let (mut peak, mut square) = (Vector3::zeros(), Vector3::zeros());

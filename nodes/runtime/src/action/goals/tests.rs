@@ -1,3 +1,5 @@
+//! The life of goals: accepted, cancelled, ended, forgotten.
+
 use super::*;
 use proptest::prelude::*;
 

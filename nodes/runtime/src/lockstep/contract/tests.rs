@@ -1,3 +1,5 @@
+//! Which loops can be built, and which cannot and why.
+
 use minifactory_msgs::geometry_msgs::msg::Point;
 use minifactory_msgs::interface::{EVERY_NODE, Namespace, ServiceSpec, TopicSpec, User};
 use minifactory_msgs::rosgraph_msgs::msg::Clock;
@@ -193,7 +195,7 @@ fn an_edge_is_as_late_as_the_latest_thing_it_carries() {
     let quick = node("/c", |io| hears(io, "quick", Latency::Forward));
     let contract = connect(&[source, sink, quick]).unwrap();
     let edge =
-        |from, to, delay_ticks, channels: &[Channel]| Edge { from, to, delay_ticks, channels: channels.to_vec() };
+        |from, to, delay_ticks, channels: &[Channel]| LoopEdge { from, to, delay_ticks, channels: channels.to_vec() };
     let expected = [
         edge(1, 0, 10, &[topic("/back")]),
         edge(0, 1, 10, &[topic("/quick"), topic("/slow")]),
@@ -231,7 +233,7 @@ fn every_client_of_a_service_gets_its_own_replies() {
     let contract = connect(&[client("/a", Latency::Forward), server, client("/b", Latency::Feedback)]).unwrap();
     let (request, reply) = (Channel::Request("/go".into()), Channel::Reply("/go".into()));
     let edge =
-        |from, to, delay_ticks, channel: &Channel| Edge { from, to, delay_ticks, channels: vec![channel.clone()] };
+        |from, to, delay_ticks, channel: &Channel| LoopEdge { from, to, delay_ticks, channels: vec![channel.clone()] };
     let expected = [edge(1, 0, 1, &reply), edge(0, 1, 1, &request), edge(2, 1, 10, &request), edge(1, 2, 1, &reply)];
     assert_eq!(contract.edges, expected);
     let engine = crate::lockstep::Engine::new(&contract, "/s").unwrap();

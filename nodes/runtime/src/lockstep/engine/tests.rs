@@ -1,10 +1,12 @@
+//! The engine in a network that delays and mixes what is sent: every node sees the same.
+
 use proptest::prelude::*;
 use rand::SeedableRng as _;
 use rand_pcg::Pcg64Mcg;
 
 use super::*;
 use crate::cdr;
-use crate::lockstep::{Clock, Edge, LoopTiming, MESSAGE_BYTES_MAX, Speed};
+use crate::lockstep::{LoopClock, LoopEdge, LoopTiming, MESSAGE_BYTES_MAX, Speed};
 use minifactory_msgs::msg::LoopStatus;
 
 const RUN: u64 = 7;
@@ -16,15 +18,15 @@ const DATAGRAM_BYTES_MAX: usize = 65_507 - 200;
 /// One message as its consumer sees it: publisher, port, payload.
 type Seen = (usize, u16, Vec<u8>);
 
-fn contract(nodes: usize, edges: Vec<Edge>, window_ticks: u64) -> LoopContract {
+fn contract(nodes: usize, edges: Vec<LoopEdge>, window_ticks: u64) -> LoopContract {
     let timing = LoopTiming { tick_ns: 10_000_000, forward_delay_ticks: 1, feedback_delay_ticks: 1, window_ticks };
     let nodes = (0..nodes).map(|node| format!("/n{node}")).collect();
     LoopContract { run_id: RUN, timing, nodes, edges, shared_topics: Vec::new() }
 }
 
-fn edge(from: usize, to: usize, delay_ticks: u64, ports: usize) -> Edge {
+fn edge(from: usize, to: usize, delay_ticks: u64, ports: usize) -> LoopEdge {
     let channels = (0..ports).map(|port| Channel::Topic(format!("/t{from}_{to}_{port}"))).collect();
-    Edge { from, to, delay_ticks, channels }
+    LoopEdge { from, to, delay_ticks, channels }
 }
 
 /// 3 to 6 nodes with any edges among them.
@@ -113,7 +115,7 @@ struct Simulation {
     contract: LoopContract,
     engines: Vec<Engine>,
     toys: Vec<Toy>,
-    clock: Clock,
+    clock: LoopClock,
     grants: Vec<VecDeque<LoopGrant>>,
     transit: Vec<VecDeque<LoopBundle>>,
     /// Until which tick each bundle goes that its consumer may not have read: of each edge.
@@ -127,7 +129,7 @@ struct Simulation {
 impl Simulation {
     fn new(contract: LoopContract, toys: Vec<Toy>, ticks: u64, seed: u64) -> Self {
         let engines = contract.nodes.iter().map(|node| Engine::new(&contract, node).unwrap()).collect();
-        let mut clock = Clock::new(contract.clone(), Speed::Max, ticks, std::time::Duration::from_secs(1));
+        let mut clock = LoopClock::new(contract.clone(), Speed::Max, ticks, std::time::Duration::from_secs(1));
         for node in &contract.nodes {
             clock.accept(&status(node, 0), std::time::Duration::ZERO).unwrap();
         }

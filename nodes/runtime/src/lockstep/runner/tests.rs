@@ -1,3 +1,5 @@
+//! Nodes in a loop: they report while they are slow or fail, and refuse a contract made for other ports.
+
 use std::sync::mpsc::channel;
 
 use minifactory_msgs::geometry_msgs::msg::Point;

@@ -1,3 +1,5 @@
+//! A client and a server of an action, tick by tick.
+
 use minifactory_msgs::action::{DeliverPart, DeliverPartFeedback, DeliverPartGoal, DeliverPartResult};
 use minifactory_msgs::action_msgs::msg::GoalStatus as StatusMessage;
 use minifactory_msgs::interface::{Namespace, User};

@@ -29,6 +29,7 @@
 mod client;
 mod datagram;
 mod domain;
+mod drain;
 mod error;
 mod executor;
 mod graph;

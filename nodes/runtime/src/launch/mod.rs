@@ -13,7 +13,7 @@ use bytes::Bytes;
 use minifactory_msgs::interface::standard::CLOCK;
 
 use crate::args::{NameKind, RosArgs};
-use crate::clock::Clock;
+use crate::clock::TimeSource;
 use crate::configuration::{Configuration, declarations_of};
 use crate::dds::{Domain, NodeName, Participant};
 use crate::digest::Digest;
@@ -102,7 +102,7 @@ pub fn run_opened<N: FeederNode>(
     let full_name = full_name(&seat.namespace, name);
     let participant = Participant::open(&seat.domain, &NodeName::new(&seat.namespace, name)?)?;
     let now_ns = Arc::new(AtomicU64::new(0));
-    let clock: Clock = Arc::new({
+    let clock: TimeSource = Arc::new({
         let now_ns = Arc::clone(&now_ns);
         move || stamp_of_ns(now_ns.load(Ordering::Relaxed))
     });

@@ -34,7 +34,7 @@ struct Goal {
 
 /// The courier driver: a state machine that advances by servo ticks and never asks the time.
 #[derive(Clone, Debug)]
-pub struct CourierDriver<P> {
+pub struct Driver<P> {
     config: CourierConfig,
     motor: P,
     controller: Controller,
@@ -61,7 +61,7 @@ pub struct CourierDriver<P> {
     events: Vec<DriverEvent>,
 }
 
-impl<P: PlanarMotor> CourierDriver<P> {
+impl<P: PlanarMotor> Driver<P> {
     /// A driver of `motor`, which rests at the configured start.
     ///
     /// # Errors

@@ -39,7 +39,7 @@ pub enum Channel {
 /// Everything one node sends to another: one ordered stream of bundles.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Edge {
+pub struct LoopEdge {
     /// Index of the sending node.
     pub from: usize,
     /// Index of the receiving node.
@@ -61,7 +61,7 @@ pub struct LoopContract {
     /// Names of the nodes in the loop; edges refer to them by index.
     pub nodes: Vec<String>,
     /// Who hears whom.
-    pub edges: Vec<Edge>,
+    pub edges: Vec<LoopEdge>,
     /// Topics with more than one publisher, whose digest needs the payloads of all of them.
     pub shared_topics: Vec<String>,
 }
@@ -198,7 +198,7 @@ impl LoopContract {
 
     /// The topic that carries `edge`: hidden, as ROS 2 hides names with a leading underscore.
     #[must_use]
-    pub fn edge_topic(&self, edge: &Edge) -> String {
+    pub fn edge_topic(&self, edge: &LoopEdge) -> String {
         format!("/_loop{}/to{}", self.nodes[edge.from], self.nodes[edge.to])
     }
 }
@@ -206,7 +206,7 @@ impl LoopContract {
 struct Builder<'a> {
     timing: LoopTiming,
     nodes: &'a [(String, Interface)],
-    edges: Vec<Edge>,
+    edges: Vec<LoopEdge>,
 }
 
 impl Builder<'_> {
@@ -276,7 +276,7 @@ impl Builder<'_> {
                 edge.channels.push(channel);
             }
         } else {
-            self.edges.push(Edge { from, to, delay_ticks, channels: vec![channel] });
+            self.edges.push(LoopEdge { from, to, delay_ticks, channels: vec![channel] });
         }
     }
 }

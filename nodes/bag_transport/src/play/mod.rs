@@ -25,9 +25,9 @@ pub use timeline::Lateness;
 
 use feeder_bags::Selection;
 use feeder_bags::qos::QosOverride;
-use feeder_bags::{Bag, Message};
+use feeder_bags::{Bag, RecordedMessage};
 use outlets::Outlets;
-use source::Source;
+use source::BagSource;
 use timeline::Timeline;
 
 /// How long reliable readers may take to acknowledge the last messages.
@@ -89,7 +89,7 @@ pub struct Player {
     bag: Arc<Bag>,
     settings: PlaySettings,
     outlets: Outlets,
-    source: Source,
+    source: BagSource,
     timeline: Timeline,
     controls: Receiver<Control>,
     /// Start and end in the bag, ns.
@@ -144,7 +144,7 @@ impl Player {
                 })
             })
             .transpose()?;
-        let source = Source::start(&bag, outlets.topics().clone(), start_ns, end_ns);
+        let source = BagSource::start(&bag, outlets.topics().clone(), start_ns, end_ns);
         let mut timeline = Timeline::new(start_ns, settings.rate.unwrap_or(1.0), Instant::now());
         if settings.start_paused || settings.follow_clock {
             timeline.pause(Instant::now());
@@ -239,7 +239,7 @@ impl Player {
         }
     }
 
-    fn publish(&mut self, message: &Message) {
+    fn publish(&mut self, message: &RecordedMessage) {
         match self.outlets.publish(message) {
             Ok(()) => self.played.messages += 1,
             Err(reason) => *self.played.failed.entry(reason).or_default() += 1,
@@ -265,7 +265,7 @@ impl Player {
     }
 
     fn go_to(&mut self, position_ns: u64) {
-        self.source = Source::start(&self.bag, self.outlets.topics().clone(), position_ns, self.end_ns);
+        self.source = BagSource::start(&self.bag, self.outlets.topics().clone(), position_ns, self.end_ns);
         self.timeline.restart(position_ns, Instant::now());
     }
 

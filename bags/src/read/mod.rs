@@ -14,7 +14,7 @@ mod window;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-pub use messages::{Message, Messages, Query};
+pub use messages::{Messages, Query, RecordedMessage};
 
 use crate::error::BagError;
 use crate::metadata::Metadata;
