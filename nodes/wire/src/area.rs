@@ -102,9 +102,6 @@ numbered! {
     /// The number of a refusal.
     refusal_number,
     /// The refusal of a number.
-    ///
-    /// # Errors
-    /// A number that stands for none.
     refusal_of,
     "result", "0 to 6",
     NoLease as u8 {

@@ -26,11 +26,8 @@ pub fn number_of(name: &str) -> Option<u64> {
 
 numbered! {
     /// The number of an outcome.
-    outcome_number,
+    pub outcome_number,
     /// The outcome of a number.
-    ///
-    /// # Errors
-    /// A number that stands for none.
     outcome_of,
     "outcome", "0 to 10",
     Outcome as u8 {

@@ -13,12 +13,9 @@ use crate::stamp_of;
 
 numbered! {
     /// The number of a phase.
-    phase_number,
+    pub(crate) phase_number,
     /// The phase of a number.
-    ///
-    /// # Errors
-    /// A number that stands for none.
-    phase_of,
+    pub(crate) phase_of,
     "phase", "0 to 10",
     Phase as u8 {
         Idle = DeliveryState::IDLE,

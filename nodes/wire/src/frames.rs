@@ -52,19 +52,18 @@ pub fn to_message(stamp: Time, parent: &str, child: &str, parent_from_child: &Is
     TFMessage { transforms: vec![TransformStamped { header, child_frame_id: child.to_owned(), transform }] }
 }
 
-/// Where a child's frame is in its parent's.
-#[must_use]
-pub fn from_transform(transform: &Transform) -> Isometry3<f64> {
-    let (t, q) = (&transform.translation, &transform.rotation);
-    let turn = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q.w, q.x, q.y, q.z));
-    Isometry3::from_parts(Translation3::new(t.x, t.y, t.z), turn)
-}
-
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    /// Where a child's frame is in its parent's.
+    fn from_transform(transform: &Transform) -> Isometry3<f64> {
+        let (t, q) = (&transform.translation, &transform.rotation);
+        let turn = UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(q.w, q.x, q.y, q.z));
+        Isometry3::from_parts(Translation3::new(t.x, t.y, t.z), turn)
+    }
 
     proptest! {
         #[test]

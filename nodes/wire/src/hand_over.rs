@@ -9,9 +9,6 @@ numbered! {
     /// The number of a report on a hand-over.
     report_number,
     /// The report of a number.
-    ///
-    /// # Errors
-    /// A number that stands for none.
     report_of,
     "report", "0 to 2",
     HandOver as u8 {

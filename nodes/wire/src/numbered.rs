@@ -16,18 +16,18 @@ pub struct UnknownNumber {
 /// the range of its constants are for the error.
 macro_rules! numbered {
     (
-        $(#[$to_doc:meta])* $to:ident, $(#[$of_doc:meta])* $of:ident,
+        $(#[$to_doc:meta])* $to_vis:vis $to:ident, $(#[$of_doc:meta])* $of_vis:vis $of:ident,
         $field:literal, $allowed:literal,
         $type:ident as $number_type:ty { $($variant:ident = $number:path),+ $(,)? }
     ) => {
         $(#[$to_doc])*
         #[must_use]
-        pub fn $to(value: $type) -> $number_type {
+        $to_vis fn $to(value: $type) -> $number_type {
             match value { $($type::$variant => $number),+ }
         }
 
         $(#[$of_doc])*
-        pub fn $of(number: $number_type) -> Result<$type, $crate::numbered::UnknownNumber> {
+        $of_vis fn $of(number: $number_type) -> Result<$type, $crate::numbered::UnknownNumber> {
             match number {
                 $($number => Ok($type::$variant),)+
                 found => Err($crate::numbered::UnknownNumber {

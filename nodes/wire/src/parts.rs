@@ -10,9 +10,6 @@ numbered! {
     /// The number of a place.
     place_number,
     /// The place of a number.
-    ///
-    /// # Errors
-    /// A number that stands for none.
     place_of,
     "surface", "0 to 2",
     Place as u8 {

@@ -35,9 +35,6 @@ numbered! {
     /// The error code of an end.
     end_number,
     /// The end of an error code.
-    ///
-    /// # Errors
-    /// A code that stands for none.
     end_of,
     "error_code", "-5 to 0",
     TrajectoryEnd as i32 {

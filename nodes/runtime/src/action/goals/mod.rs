@@ -260,12 +260,6 @@ impl<R, W> Goals<R, W> {
         ids
     }
 
-    /// When the next result expires, if any is kept.
-    #[must_use]
-    pub fn next_expiry(&self) -> Option<Duration> {
-        self.goals.values().filter_map(|goal| goal.result.as_ref().map(|(_, forget)| *forget)).min()
-    }
-
     /// All goals, for the status topic.
     pub fn statuses(&self) -> impl Iterator<Item = StatusMessage> {
         self.goals.iter().map(|(id, goal)| StatusMessage {
