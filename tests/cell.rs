@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use feeder_control::delivery::Tether;
 use feeder_scenario::Scenario;
 use feeder_scenario::plan::DeliveryPlannerConfig;
 use serde_json::Value;
@@ -71,7 +70,8 @@ fn a_station_beyond_the_tether_is_refused_and_others_are_served() {
     far.name = "station_2".to_owned();
     (far.x_m, far.y_m) = (0.4, 0.4);
     scenario.stations.push(far);
-    scenario.delivery.tether = Some(Tether { anchor_m: [-0.4, 0.0].into(), length_m: 0.65 });
+    let limits = &mut scenario.courier.limits;
+    (limits.tether_anchor_m, limits.tether_length_m) = ([-0.4, 0.0], 0.65);
     let outcome = Up::new("--duration 20 --composed").scenario(&scenario).success();
     assert!(outcome.number("delivered") >= 1.0, "{}", outcome.summary());
     assert!(outcome.stderr.contains("\"station_2\" cannot be served"), "{}", outcome.stderr);
