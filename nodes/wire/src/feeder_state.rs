@@ -107,9 +107,9 @@ mod tests {
 
     #[test]
     fn how_a_feeder_is_survives_the_round_trip_in_every_condition() {
-        let pairs = (0..=u8::MAX).flat_map(|state| (0..=u8::MAX).map(move |reason| (state, reason)));
-        let conditions: Vec<Condition> = pairs.filter_map(|(s, r)| condition_of(s, r).ok()).collect();
-        assert_eq!(conditions.len(), 8);
+        type C = Condition;
+        let conditions =
+            [C::Stopped, C::Idle, C::AtWork, C::AwaitsHandOver, C::AwaitsArea, C::Starved, C::Fault, C::Purging];
         for condition in conditions {
             let stations = vec!["station_2".to_owned(), "station_1".to_owned()];
             let (message, recipe) = ("at station_2".to_owned(), "plain".to_owned());
