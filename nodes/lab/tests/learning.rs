@@ -89,7 +89,7 @@ fn the_delay_is_learned_with_the_waveform() {
         let config = off_nominal(1.2, delay, ripple, 0.003);
         let mut driver = config.driver(3).unwrap();
         driver.set_waveform(&waveform(), true).unwrap();
-        let learned_s = driver.step(5 * SECOND).status.learned_delay_s;
+        let learned_s = driver.step(5 * SECOND).status.learning.delay_s;
         // A tenth of the error that it had at first.
         assert!((learned_s - config.motor.delay_s).abs() < 15e-6, "{learned_s} {}", config.motor.delay_s);
     }

@@ -17,6 +17,8 @@ pub enum Condition {
     AwaitsArea,
     /// No fitting part comes.
     Starved,
+    /// No fitting part comes, and parts do not move as the waveform should move them.
+    BadlyFed,
     /// A fault stopped it.
     Fault,
     /// It empties the plateau.
@@ -33,6 +35,7 @@ fn numbers(condition: Condition) -> (u8, u8) {
         Condition::AwaitsHandOver => (S::SUSPENDED, S::WAITING_FOR_HANDOVER),
         Condition::AwaitsArea => (S::SUSPENDED, S::WAITING_FOR_AREA),
         Condition::Starved => (S::HELD, S::STARVED),
+        Condition::BadlyFed => (S::HELD, S::BADLY_FED),
         Condition::Fault => (S::ABORTED, S::FAULT),
         Condition::Purging => (S::CLEARING, S::NO_REASON),
     }
@@ -48,6 +51,7 @@ fn condition_of(state: u8, reason: u8) -> Result<Condition, UnknownCondition> {
         (S::SUSPENDED, S::WAITING_FOR_HANDOVER) => Condition::AwaitsHandOver,
         (S::SUSPENDED, S::WAITING_FOR_AREA) => Condition::AwaitsArea,
         (S::HELD, S::STARVED) => Condition::Starved,
+        (S::HELD, S::BADLY_FED) => Condition::BadlyFed,
         (S::ABORTED, S::FAULT) => Condition::Fault,
         (S::CLEARING, S::NO_REASON) => Condition::Purging,
         _ => return Err(UnknownCondition { state, reason }),
@@ -109,7 +113,7 @@ mod tests {
     fn how_a_feeder_is_survives_the_round_trip_in_every_condition() {
         let pairs = (0..=u8::MAX).flat_map(|state| (0..=u8::MAX).map(move |reason| (state, reason)));
         let conditions: Vec<Condition> = pairs.filter_map(|(s, r)| condition_of(s, r).ok()).collect();
-        assert_eq!(conditions.len(), 8);
+        assert_eq!(conditions.len(), 9);
         for condition in conditions {
             let stations = vec!["station_2".to_owned(), "station_1".to_owned()];
             let (message, recipe) = ("at station_2".to_owned(), "plain".to_owned());
