@@ -359,7 +359,7 @@ mod tests {
                 force += (target - force) * (fine_s / parameters.lag_s);
                 let velocity: Vector3<f64> = state.fixed_rows::<3>(3).into();
                 let drag = velocity.component_mul(&Vector3::new(5.0, 5.0, 0.01));
-                reference.advance(&mut state, force - drag, Wrench::zeros(), fine_s);
+                reference.advance(&mut state, force - drag, Wrench::zeros(), Wrench::zeros(), fine_s);
             }
         }
         let (position, velocity) = plant.motion();
