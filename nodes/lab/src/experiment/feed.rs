@@ -129,12 +129,17 @@ impl FeedTrial {
         [0, 1].map(|surface| feed_m_s[surface] / self.reference_m_s[surface])
     }
 
-    /// For a motion that began a whole number of periods after the vibration.
+    /// Velocity against the waveform's at the phase that fits best: the courier began it when it had been measured.
     fn velocity_error_rad_s(&self, samples: &[MotionSample]) -> f64 {
-        let square = |(tick, sample): (usize, &MotionSample)| {
-            (sample.velocity.z - self.waveform.state_at(tick as f64 * self.period_s).velocity).powi(2)
+        let mean_square = |begun: usize| {
+            let square = |(tick, sample): (usize, &MotionSample)| {
+                let time_s = (tick + begun) as f64 * self.period_s;
+                (sample.velocity.z - self.waveform.state_at(time_s).velocity).powi(2)
+            };
+            samples.iter().enumerate().map(square).sum::<f64>() / samples.len() as f64
         };
-        (samples.iter().enumerate().map(square).sum::<f64>() / samples.len() as f64).sqrt()
+        // Three periods are a whole number of ticks.
+        (0..self.ticks(3.0 * self.waveform.period_s())).map(mean_square).fold(f64::INFINITY, f64::min).sqrt()
     }
 
     /// The waveform as a perfect tracker would run it.
