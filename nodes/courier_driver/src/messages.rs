@@ -73,6 +73,7 @@ pub(crate) fn courier_state(stamp: Time, status: &DriverStatus, waveform_sequenc
         position_error_m: error.xy().norm(),
         yaw_error_rad: error.z,
         fault: status.fault.as_ref().map(ToString::to_string),
+        warning: status.learning.warning.as_ref().map(ToString::to_string),
         waveform_sequence,
     };
     CourierState { header: on_platen(stamp), ..courier_state::to_message(activity) }
@@ -117,14 +118,17 @@ pub(crate) fn end(outcome: GoalOutcome) -> (GoalEnd, EndOfGoal) {
 
 /// How the driver fares, for `/diagnostics`.
 pub(crate) fn health(name: &str, state: &str, status: &DriverStatus) -> Health {
-    let (level, message) = match &status.fault {
-        Some(fault) => (HealthLevel::Error, fault.to_string()),
-        None if status.saturated_ticks > 0 => (HealthLevel::Warning, "force or torque at its peak".to_owned()),
-        None => (HealthLevel::Good, state.to_owned()),
+    let learning = &status.learning;
+    let (level, message) = match (&status.fault, &learning.warning) {
+        (Some(fault), _) => (HealthLevel::Error, fault.to_string()),
+        (None, Some(warning)) => (HealthLevel::Warning, warning.to_string()),
+        (None, None) if status.saturated_ticks > 0 => (HealthLevel::Warning, "force or torque at its peak".to_owned()),
+        (None, None) => (HealthLevel::Good, state.to_owned()),
     };
     let error = status.tracking_error_peak;
     let vibration = match status.vibration {
         VibrationPhase::Off => "off",
+        VibrationPhase::Measuring => "measuring the courier",
         VibrationPhase::FadingIn => "fading in",
         VibrationPhase::Steady => "steady",
         VibrationPhase::FadingOut => "fading out",
@@ -136,7 +140,11 @@ pub(crate) fn health(name: &str, state: &str, status: &DriverStatus) -> Health {
         ("position error (m)", format!("{:.3e}", error.xy().norm())),
         ("yaw error (rad)", format!("{:.3e}", error.z)),
         ("saturated servo ticks", status.saturated_ticks.to_string()),
-        ("learned delay (s)", format!("{:.3e}", status.learned_delay_s)),
+        ("learning", learning.phase.to_string()),
+        ("velocity error (share)", learning.velocity_error.map_or_else(String::new, |share| format!("{share:.3}"))),
+        ("acceleration given over commanded", format!("{:.3}", learning.gain)),
+        ("delay (s)", format!("{:.3e}", learning.delay_s)),
+        ("lag (s)", format!("{:.3e}", learning.lag_s)),
     ];
     let values = values.map(|(name, value)| (name.to_owned(), value)).to_vec();
     Health { name: name.to_owned(), level, message, hardware_id: HARDWARE_ID.to_owned(), values }

@@ -274,6 +274,9 @@ impl DeliveryPlanner {
         if let Some(fault) = self.sequencer.fault() {
             return (Condition::Fault, fault.to_owned());
         }
+        if let Some(trouble) = self.sequencer.feed_trouble().filter(|_| self.sequencer.is_starved()) {
+            return (Condition::BadlyFed, format!("no fitting part comes: {trouble}"));
+        }
         if self.sequencer.is_starved() {
             return (Condition::Starved, "no fitting part comes".to_owned());
         }

@@ -187,6 +187,11 @@ impl DeliveryPlanner {
     /// Takes in what the feeder's other nodes and the arbiter say.
     fn hear(&mut self, io: &mut StepIo) {
         let mut states = io.take(&self.ports.courier_state);
+        if let Some(newest) = states.last() {
+            let activity = courier_state::from_message(newest.clone());
+            self.sequencer.courier_fault(activity.fault.as_deref());
+            self.sequencer.courier_warning(activity.warning);
+        }
         for message in io.take(&self.ports.odometry) {
             let stamp_ns = ns_of_stamp(&message.header.stamp);
             // Both are published together; without its state a pose says nothing about rest.

@@ -7,9 +7,11 @@ pub mod design;
 mod drop;
 pub mod experiment;
 pub mod identify;
+mod identify_motor;
 mod plan_move;
 mod plot;
 mod slip_study;
+mod try_motors;
 mod vision;
 
 use std::process::ExitCode;
@@ -33,12 +35,14 @@ enum Command {
     FeedRate(analysis::feed_rate::Args),
     Figures(analysis::figures::Args),
     IdentifyFriction(analysis::identify::Args),
+    IdentifyMotor(identify_motor::Args),
     Optimize(analysis::optimize::Args),
     PlanMove(plan_move::Args),
     Plot(plot::Args),
     ScoreVision(vision::score_vision::Args),
     SlipStudy(slip_study::Args),
     TrayMap(analysis::tray_map::Args),
+    TryMotors(try_motors::Args),
 }
 
 /// The command line: runs the study asked for.
@@ -55,6 +59,7 @@ pub fn main() -> ExitCode {
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
         Command::Figures(args) => analysis::figures::run(&args),
         Command::IdentifyFriction(args) => analysis::identify::run(&args),
+        Command::IdentifyMotor(args) => identify_motor::run(&args),
         Command::Optimize(args) => analysis::optimize::run(&args),
         Command::PlanMove(args) => plan_move::run(&args),
         Command::Plot(args) => {
@@ -64,6 +69,7 @@ pub fn main() -> ExitCode {
         Command::ScoreVision(args) => vision::score_vision::run(&args),
         Command::SlipStudy(args) => slip_study::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),
+        Command::TryMotors(args) => try_motors::run(&args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -3,9 +3,11 @@
 use std::f64::consts::PI;
 
 use feeder_control::courier::control::ControlParameters;
-use feeder_control::courier::{CourierConfig, LearningParameters, Trajectory, TrajectoryPoint};
+use feeder_control::courier::{CourierConfig, LearningParameters, Trajectory, TrajectoryPoint, VibrationPhase};
 use feeder_lab::experiment::feed::FeedTrial;
+use feeder_lab::experiment::motors::{self, Plant, plants};
 use feeder_model::motor::Load;
+use feeder_model::tray::TrayGeometry;
 use feeder_model::waveform::{Axis, Waveform};
 use feeder_scenario::{SimulatedCourier, assumed_motor};
 use feeder_sim::motor::MotorParameters;
@@ -89,7 +91,7 @@ fn the_delay_is_learned_with_the_waveform() {
         let config = off_nominal(1.2, delay, ripple, 0.003);
         let mut driver = config.driver(3).unwrap();
         driver.set_waveform(&waveform(), true).unwrap();
-        let learned_s = driver.step(5 * SECOND).status.learned_delay_s;
+        let learned_s = driver.step(5 * SECOND).status.learning.delay_s;
         // A tenth of the error that it had at first.
         assert!((learned_s - config.motor.delay_s).abs() < 15e-6, "{learned_s} {}", config.motor.delay_s);
     }
@@ -115,13 +117,15 @@ fn what_was_learned_is_kept_while_another_waveform_runs() {
 fn periods_that_are_no_whole_number_of_ticks_are_learned() {
     for period_s in [0.0333, 0.03, 1.0 / 27.0, 0.02 * 2.0_f64.sqrt()] {
         let waveform = Waveform::stick_slip(Axis::Yaw, period_s, 17.66, 130.9).unwrap();
-        let mut driver = learning().driver(1).unwrap();
-        driver.set_waveform(&waveform, true).unwrap();
-        let cold_rad = driver.step(SECOND / 4).status.tracking_error_rms.z;
-        // The longest of these windows lasts a second.
-        driver.step(20 * SECOND);
-        let learned_rad = driver.step(SECOND).status.tracking_error_rms.z;
-        assert!(learned_rad < 0.1 * cold_rad, "{period_s}: {cold_rad} {learned_rad}");
+        let plain = CourierConfig { learning: LearningParameters::default(), ..learning().config };
+        let [learned_rad, plain_rad] = [learning().config, plain].map(|config| {
+            let mut driver = SimulatedCourier { config, ..learning() }.driver(1).unwrap();
+            driver.set_waveform(&waveform, true).unwrap();
+            // The longest of these windows lasts a second.
+            driver.step(20 * SECOND);
+            driver.step(SECOND).status.tracking_error_rms.z
+        });
+        assert!(learned_rad < 0.1 * plain_rad, "{period_s}: {plain_rad} {learned_rad}");
     }
 }
 
@@ -140,4 +144,62 @@ fn a_load_and_a_move_are_got_over() {
     driver.step(2 * SECOND);
     let (feed, _) = trial().relative_feed(&mut driver);
     assert!((feed[0] - 1.0).abs() < 0.1 && (feed[1] - 1.0).abs() < 0.02, "{feed:?}");
+}
+
+/// The motor as assumed with something else about it, by the name of the experiment.
+fn plant(name: &str) -> Plant {
+    plants(assumed_motor()).into_iter().find(|plant| plant.name == name).unwrap()
+}
+
+#[test]
+fn verif_learning_feeds_as_computed_on_motors_it_was_not_made_for() {
+    // Within 5 % from the second second on, 10 % where noise, the peak force or a mode of the tray is in the way.
+    let paper = trial();
+    let rows = [
+        ("lag x 0", 0.05),
+        ("lag x 3", 0.1),
+        ("delay x 3", 0.05),
+        ("inertia x 0.5", 0.05),
+        ("inertia x 2", 0.05),
+        ("ripple 20 %", 0.05),
+        ("noise 2 µm", 0.1),
+        ("mode 400 Hz, 10 %, sensor on tray", 0.1),
+        ("mode 700 Hz, 2 %, sensor on tray", 0.1),
+        ("mode 400 Hz, 10 %, sensor on courier", 0.1),
+        ("30 parts of 5 g taken away", 0.05),
+    ];
+    for (name, allowed) in rows {
+        let run = motors::run(&paper, &plant(name), CourierConfig::default(), true, 3).unwrap();
+        let off = (run.after_2_s - 1.0).abs().max((run.after_7_s - 1.0).abs());
+        assert!(off < allowed && !run.is_fault, "{name}: {run:?}");
+    }
+}
+
+#[test]
+fn a_motor_on_which_the_waveform_cannot_be_followed_is_told_within_two_seconds() {
+    let paper = trial();
+    for name in ["mode 120 Hz, 10 %, sensor on tray", "mode 180 Hz, 30 %, sensor on courier"] {
+        let run = motors::run(&paper, &plant(name), CourierConfig::default(), true, 1).unwrap();
+        assert!(run.said_s.is_some_and(|said_s| said_s < 2.0), "{name}: {run:?}");
+    }
+    let fine = motors::run(&paper, &plant("as assumed"), CourierConfig::default(), true, 1).unwrap();
+    assert_eq!(fine.said, "");
+}
+
+#[test]
+fn nothing_slides_while_the_courier_is_measured() {
+    // Half of the inertia doubles what the excitation does.
+    let motor = plant("inertia x 0.5").motor;
+    let mut driver = SimulatedCourier { motor, ..learning() }.driver(1).unwrap();
+    driver.set_waveform(&waveform(), true).unwrap();
+    let (mut peak_rad_s2, mut ticks) = (0.0_f64, 0);
+    while driver.step(1).status.vibration != VibrationPhase::FadingIn {
+        let block = driver.motor_mut().take_block();
+        peak_rad_s2 = block.samples.iter().map(|sample| sample.acceleration.z.abs()).fold(peak_rad_s2, f64::max);
+        ticks += 1;
+    }
+    // What friction of 0.2 holds on the ramp of the paper's tray at 85 mm: g tan(φ_f − φ).
+    let held_rad_s2 = 9.81 * (0.2_f64.atan() - TrayGeometry::PAPER.ramp_slope_rad(0.085)).tan() / 0.085;
+    assert!(peak_rad_s2 > 2.0 && peak_rad_s2 < held_rad_s2, "{peak_rad_s2} {held_rad_s2}");
+    assert!(ticks < SECOND, "{ticks}");
 }

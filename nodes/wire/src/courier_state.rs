@@ -15,6 +15,8 @@ pub struct CourierActivity {
     pub yaw_error_rad: f64,
     /// Why the courier cannot work, for people.
     pub fault: Option<String>,
+    /// Why parts may not be fed as computed although the courier works, for people.
+    pub warning: Option<String>,
     /// Number of the waveform that the driver has heard last; 0: none.
     pub waveform_sequence: u32,
 }
@@ -28,6 +30,7 @@ pub fn to_message(activity: CourierActivity) -> CourierState {
         position_error_m: activity.position_error_m,
         yaw_error_rad: activity.yaw_error_rad,
         fault: activity.fault.unwrap_or_default(),
+        warning: activity.warning.unwrap_or_default(),
         waveform_sequence: activity.waveform_sequence,
         ..CourierState::default()
     }
@@ -42,6 +45,7 @@ pub fn from_message(message: CourierState) -> CourierActivity {
         position_error_m: message.position_error_m,
         yaw_error_rad: message.yaw_error_rad,
         fault: Some(message.fault).filter(|fault| !fault.is_empty()),
+        warning: Some(message.warning).filter(|warning| !warning.is_empty()),
         waveform_sequence: message.waveform_sequence,
     }
 }
@@ -54,7 +58,16 @@ mod tests {
     fn an_activity_survives_the_round_trip() {
         for (vibrating, moving, fault) in [(true, false, None), (false, true, Some("emergency stop".to_owned()))] {
             let (position_error_m, yaw_error_rad, waveform_sequence) = (2e-6, -3e-5, 7);
-            let sent = CourierActivity { vibrating, moving, position_error_m, yaw_error_rad, fault, waveform_sequence };
+            let warning = vibrating.then(|| "not followed".to_owned());
+            let sent = CourierActivity {
+                vibrating,
+                moving,
+                position_error_m,
+                yaw_error_rad,
+                fault,
+                warning,
+                waveform_sequence,
+            };
             assert_eq!(from_message(to_message(sent.clone())), sent);
         }
     }

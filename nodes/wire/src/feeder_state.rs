@@ -17,6 +17,8 @@ pub enum Condition {
     AwaitsArea,
     /// No fitting part comes.
     Starved,
+    /// No fitting part comes, and parts do not move as the waveform should move them.
+    BadlyFed,
     /// A fault stopped it.
     Fault,
     /// It empties the plateau.
@@ -33,6 +35,7 @@ fn numbers(condition: Condition) -> (u8, u8) {
         Condition::AwaitsHandOver => (S::SUSPENDED, S::WAITING_FOR_HANDOVER),
         Condition::AwaitsArea => (S::SUSPENDED, S::WAITING_FOR_AREA),
         Condition::Starved => (S::HELD, S::STARVED),
+        Condition::BadlyFed => (S::HELD, S::BADLY_FED),
         Condition::Fault => (S::ABORTED, S::FAULT),
         Condition::Purging => (S::CLEARING, S::NO_REASON),
     }
@@ -48,6 +51,7 @@ fn condition_of(state: u8, reason: u8) -> Result<Condition, UnknownCondition> {
         (S::SUSPENDED, S::WAITING_FOR_HANDOVER) => Condition::AwaitsHandOver,
         (S::SUSPENDED, S::WAITING_FOR_AREA) => Condition::AwaitsArea,
         (S::HELD, S::STARVED) => Condition::Starved,
+        (S::HELD, S::BADLY_FED) => Condition::BadlyFed,
         (S::ABORTED, S::FAULT) => Condition::Fault,
         (S::CLEARING, S::NO_REASON) => Condition::Purging,
         _ => return Err(UnknownCondition { state, reason }),
@@ -108,8 +112,17 @@ mod tests {
     #[test]
     fn how_a_feeder_is_survives_the_round_trip_in_every_condition() {
         type C = Condition;
-        let conditions =
-            [C::Stopped, C::Idle, C::AtWork, C::AwaitsHandOver, C::AwaitsArea, C::Starved, C::Fault, C::Purging];
+        let conditions = [
+            C::Stopped,
+            C::Idle,
+            C::AtWork,
+            C::AwaitsHandOver,
+            C::AwaitsArea,
+            C::Starved,
+            C::BadlyFed,
+            C::Fault,
+            C::Purging,
+        ];
         for condition in conditions {
             let stations = vec!["station_2".to_owned(), "station_1".to_owned()];
             let (message, recipe) = ("at station_2".to_owned(), "plain".to_owned());

@@ -85,7 +85,6 @@ pub(super) struct Estimate {
 pub(super) struct Estimator {
     axes: [Axis; 3],
     period_s: f64,
-    lag_s: f64,
     /// Accelerations commanded of late, the last one first.
     commands: VecDeque<Vector3<f64>>,
     air: bool,
@@ -95,8 +94,8 @@ impl Estimator {
     /// Longest delay reckoned with, s.
     const DELAY_S_MAX: f64 = 0.02;
 
-    /// An estimator of a courier that rests at `start`, whose force follows with a time constant of `lag_s`.
-    pub(super) fn new(parameters: &EstimatorParameters, start: &Vector3<f64>, lag_s: f64, period_s: f64) -> Self {
+    /// An estimator of a courier that rests at `start`.
+    pub(super) fn new(parameters: &EstimatorParameters, start: &Vector3<f64>, period_s: f64) -> Self {
         let EstimatorParameters { command_error, .. } = *parameters;
         let axis = |index: usize| {
             let (noise, unexplained, drift) = if index < 2 {
@@ -106,7 +105,7 @@ impl Estimator {
             };
             Axis::at_rest(start[index], Noise { sensor: noise, unexplained, command_error, drift })
         };
-        Self { axes: [0, 1, 2].map(axis), period_s, lag_s, commands: VecDeque::new(), air: true }
+        Self { axes: [0, 1, 2].map(axis), period_s, commands: VecDeque::new(), air: true }
     }
 
     /// The estimate for the present tick.
@@ -128,8 +127,8 @@ impl Estimator {
     }
 
     /// Goes on to the next tick under the acceleration commanded at this one, with commands that take effect after
-    /// `delay_s`.
-    pub(super) fn predict(&mut self, acceleration: &Vector3<f64>, delay_s: f64) {
+    /// `delay_s`, with a time constant of `lag_s`.
+    pub(super) fn predict(&mut self, acceleration: &Vector3<f64>, delay_s: f64, lag_s: f64) {
         let delay_s = delay_s.clamp(0.0, Self::DELAY_S_MAX);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 20 ms in ticks")]
         let whole_ticks = (delay_s / self.period_s + 1e-9).floor() as usize;
@@ -141,7 +140,7 @@ impl Estimator {
         for (index, axis) in self.axes.iter_mut().enumerate() {
             if self.air {
                 let (early, late) = ((early[index], early_s), (late[index], self.period_s - early_s));
-                axis.advance([early, late], self.lag_s, self.period_s);
+                axis.advance([early, late], lag_s, self.period_s);
             } else {
                 axis.stay(self.period_s);
             }

@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::learning::LearningReport;
 use feeder_model::trajectory::AXES;
 
 /// Names an accepted trajectory.
@@ -99,6 +100,12 @@ pub enum Fault {
         /// For how long, s.
         for_s: f64,
     },
+    /// The forcers gave all they have again and again.
+    #[error("force or torque was at its peak in {:.0} % of the last second's ticks", 100.0 * share)]
+    OftenSaturated {
+        /// Share of the ticks of a second.
+        share: f64,
+    },
     /// Nothing was heard of who commands the courier; it was brought to rest first.
     #[error("nothing heard of {of} for {for_s:.3} s")]
     Silence {
@@ -128,6 +135,8 @@ pub enum VibrationPhase {
     /// Nothing: the tray is still but for trajectories.
     #[default]
     Off,
+    /// Not yet: a weak excitation measures the courier first.
+    Measuring,
     /// It grows to its amplitude.
     FadingIn,
     /// It repeats its waveform.
@@ -168,8 +177,8 @@ pub struct DriverStatus {
     pub tracking_error_rms: Vector3<f64>,
     /// Servo ticks of the step in which force or torque were cut to the peak.
     pub saturated_ticks: usize,
-    /// Delay of the servo loop as learned so far, s.
-    pub learned_delay_s: f64,
+    /// What is learned of the waveform and of the courier, and what is wrong with it.
+    pub learning: LearningReport,
     /// The latched fault, or the one it will be when the courier has come to rest.
     pub fault: Option<Fault>,
 }

@@ -1,4 +1,5 @@
-//! Frequency response of the nominal servo loop: what a periodic force added to the feedback does to the position.
+//! Frequency response of the servo loop as it is believed to be: what a periodic force added to the feedback does to the
+//! position.
 
 use std::f64::consts::TAU;
 
@@ -6,14 +7,22 @@ use nalgebra::Complex;
 
 use super::control::ControlParameters;
 
-/// The nominal plant of unit mass with its sampled feedback, by exact discretisation between servo ticks.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct NominalLoop {
-    pub(crate) control: ControlParameters,
+/// A rigid plant on one axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlantModel {
+    /// Acceleration given over that commanded: the nominal mass over the true one.
+    pub gain: f64,
     /// Time from a command to its first effect, s.
-    pub(crate) delay_s: f64,
+    pub delay_s: f64,
     /// Time constant of the force, s.
-    pub(crate) lag_s: f64,
+    pub lag_s: f64,
+}
+
+/// A rigid plant with its sampled feedback, by exact discretisation between servo ticks.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LoopModel {
+    pub(crate) control: ControlParameters,
+    pub(crate) plant: PlantModel,
     /// Servo period, s.
     pub(crate) period_s: f64,
 }
@@ -24,10 +33,11 @@ pub(super) fn step_response(time_s: f64, lag_s: f64) -> [f64; 3] {
     [risen, time_s - lag_s * risen, 0.5 * time_s * time_s - lag_s * time_s + lag_s * lag_s * risen]
 }
 
-impl NominalLoop {
-    /// Position (m) and velocity (m/s) per command (m/s²) in open loop, at `z` = exp(i ω Δt).
-    fn plant(&self, z: Complex<f64>) -> (Complex<f64>, Complex<f64>) {
-        let (dt, lag_s) = (self.period_s, self.lag_s);
+impl PlantModel {
+    /// Position (m) and velocity (m/s) per command (m/s²) in open loop, at `z` = exp(i ω Δt), Δt being `dt`.
+    #[must_use]
+    pub fn response(&self, z: Complex<f64>, dt: f64) -> (Complex<f64>, Complex<f64>) {
+        let lag_s = self.lag_s;
         let whole_ticks = (self.delay_s / dt + 1e-9).floor();
         let late_s = (self.delay_s - whole_ticks * dt).max(0.0);
         // In a tick the command of l + 1 ticks ago acts for the first `late_s`, then that of l ticks ago.
@@ -50,9 +60,12 @@ impl NominalLoop {
         let (carried_speed, carried_position) =
             if lag_s > 0.0 { (dt - gained, 0.5 * dt * dt - moved) } else { (0.0, 0.0) };
         let speed = (input(1) + force * carried_speed) / (z - 1.0);
-        ((input(2) + force * carried_position + speed * dt) / (z - 1.0), speed)
+        let position = (input(2) + force * carried_position + speed * dt) / (z - 1.0);
+        (position * self.gain, speed * self.gain)
     }
+}
 
+impl LoopModel {
     /// Command per error of position, the feedback.
     fn feedback(&self, z: Complex<f64>) -> Complex<f64> {
         let natural_rad_s = TAU * self.control.bandwidth_hz;
@@ -65,13 +78,13 @@ impl NominalLoop {
     /// Everything of the loop at one frequency.
     pub(crate) fn at(&self, omega_rad_s: f64) -> Response {
         let z = Complex::cis(omega_rad_s * self.period_s);
-        let (position, velocity) = self.plant(z);
+        let (position, velocity) = self.plant.response(z, self.period_s);
         let difference = (z - 1.0) / self.period_s;
         Response { omega_rad_s, position, velocity, feedback: self.feedback(z), difference }
     }
 }
 
-/// The nominal loop of unit mass at one frequency, as transfer functions between values at servo ticks.
+/// The loop at one frequency, as transfer functions between values at servo ticks.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Response {
     pub(crate) omega_rad_s: f64,
@@ -83,13 +96,6 @@ pub(crate) struct Response {
     pub(crate) feedback: Complex<f64>,
     /// Mean acceleration from a tick to the next per velocity, 1/s.
     pub(crate) difference: Complex<f64>,
-}
-
-impl Response {
-    /// Position per acceleration added to the command, with the loop closed, m per m/s².
-    pub(crate) fn closed(&self) -> Complex<f64> {
-        self.position / (1.0 + self.position * self.feedback)
-    }
 }
 
 #[cfg(test)]
@@ -104,9 +110,12 @@ mod tests {
     #[test]
     fn verif_the_response_is_what_the_closed_loop_does() {
         let control = ControlParameters::default();
-        for (delay_s, lag_s) in [(0.0, 0.0), (0.5e-3, 0.5e-3), (0.65e-3, 0.3e-3), (1.2e-3, 0.0)] {
-            let parameters = MotorParameters { delay_s, lag_s, ..MotorParameters::IDEAL };
-            let nominal = NominalLoop { control, delay_s, lag_s, period_s: 0.5e-3 };
+        for (gain, delay_s, lag_s) in
+            [(1.0, 0.0, 0.0), (0.8, 0.5e-3, 0.5e-3), (1.5, 0.65e-3, 0.3e-3), (1.0, 1.2e-3, 0.0)]
+        {
+            let parameters = MotorParameters { delay_s, lag_s, mass_kg: 1.2 / gain, ..MotorParameters::IDEAL };
+            let plant = PlantModel { gain, delay_s, lag_s };
+            let model = LoopModel { control, plant, period_s: 0.5e-3 };
             for frequency_hz in [30.0, 90.0, 300.0, 630.0] {
                 let omega_rad_s = TAU * frequency_hz;
                 let mut plant = SimulatedMotor::new(parameters, Vector3::zeros(), 1).unwrap();
@@ -122,7 +131,9 @@ mod tests {
                         sum += measured.x * phase.conj() * (2.0 / 2000.0);
                     }
                 }
-                let error = (sum - nominal.at(omega_rad_s).closed()).norm() / sum.norm();
+                let open = model.at(omega_rad_s);
+                let closed = open.position / (1.0 + open.position * open.feedback);
+                let error = (sum - closed).norm() / sum.norm();
                 // What is left of the start-up after a second, e^(-ω ζ t), and rounding.
                 assert!(error < 1e-6, "{delay_s} {lag_s} {frequency_hz}: {error}");
             }

@@ -32,6 +32,9 @@ pub struct SafetyParameters {
     /// How long force or torque may be cut to their peaks without a break, s.
     #[schemars(range(min = 0.0, max = 10.0))]
     pub saturation_s_max: f64,
+    /// Share of a second's ticks in which force or torque may be cut.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub saturation_share_max: f64,
     /// How long the courier may stand still while its set point moves by at least ten times the distances below, s.
     #[schemars(range(min = 0.01, max = 10.0))]
     pub stuck_s_max: f64,
@@ -58,6 +61,7 @@ impl Default for SafetyParameters {
             yaw_margin_rad: 2e-3,
             speed_margin: 0.1,
             saturation_s_max: 0.05,
+            saturation_share_max: 0.4,
             stuck_s_max: 0.1,
             still_m: 5e-6,
             still_rad: 50e-6,
@@ -123,6 +127,9 @@ pub(super) struct Supervisor {
     period_s: f64,
     blind_ticks: u32,
     saturated_ticks: u32,
+    /// Ticks of the present second, those in which the command was cut, and their share in the second before.
+    second: (u32, u32),
+    saturated_share: f64,
     stretch: Option<Stretch>,
     /// Ticks since each commander was last heard; nothing of one that never was.
     silent_ticks: [Option<u64>; 2],
@@ -136,6 +143,8 @@ impl Supervisor {
             period_s,
             blind_ticks: 0,
             saturated_ticks: 0,
+            second: (0, 0),
+            saturated_share: 0.0,
             stretch: None,
             silent_ticks: [None; 2],
         }
@@ -147,17 +156,24 @@ impl Supervisor {
 
     pub(super) fn note_given(&mut self, in_full: bool) {
         self.saturated_ticks = if in_full { 0 } else { self.saturated_ticks + 1 };
+        let (ticks, cut) = (self.second.0 + 1, self.second.1 + u32::from(!in_full));
+        self.second = (ticks, cut);
+        if f64::from(ticks) * self.period_s >= 1.0 {
+            self.saturated_share = f64::from(cut) / f64::from(ticks);
+            self.second = (0, 0);
+        }
     }
 
     /// Forgets what led to a fault that has been reset.
     pub(super) fn reset(&mut self) {
         (self.blind_ticks, self.saturated_ticks, self.stretch) = (0, 0, None);
+        (self.second, self.saturated_share) = ((0, 0), 0.0);
         self.silent_ticks = [None; 2];
     }
 
     /// The fault that a tick shows, if it shows one.
     pub(super) fn watch(&mut self, seen: &Seen) -> Option<Fault> {
-        let SafetyParameters { saturation_s_max, sensor_silence_s_max, .. } = self.parameters;
+        let SafetyParameters { saturation_s_max, saturation_share_max, sensor_silence_s_max, .. } = self.parameters;
         let Some(measured) = &seen.measured else {
             self.blind_ticks += 1;
             let too_long = f64::from(self.blind_ticks) * self.period_s > sensor_silence_s_max;
@@ -169,6 +185,10 @@ impl Supervisor {
             .or_else(|| self.envelope_fault(measured, &seen.velocity))
             .or_else(|| self.stuck_fault(&seen.set_point, measured))
             .or_else(|| (saturated_s > saturation_s_max).then_some(Fault::Saturated { for_s: saturated_s }))
+            .or_else(|| {
+                let share = self.saturated_share;
+                (share > saturation_share_max).then_some(Fault::OftenSaturated { share })
+            })
     }
 
     /// The commander of a courier that does what it is asked who has been silent for too long.
@@ -231,5 +251,25 @@ impl Supervisor {
             ])
             .find(|&(.., outside)| outside)
             .map(|(quantity, value, allowed, _)| Fault::LeftEnvelope { quantity, value, allowed })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn force_cut_in_too_many_ticks_of_a_second_is_a_fault_although_never_for_long() {
+        let share_of = |every: u32| {
+            let mut supervisor = Supervisor::new(SafetyParameters::default(), CourierLimits::default(), 0.5e-3);
+            let seen =
+                Seen { measured: Some(Vector3::zeros()), set_point: Vector3::zeros(), velocity: Vector3::zeros() };
+            (0..2001).find_map(|tick| {
+                supervisor.note_given(tick % every != 0);
+                supervisor.watch(&seen)
+            })
+        };
+        assert_eq!(share_of(2), Some(Fault::OftenSaturated { share: 0.5 }));
+        assert_eq!(share_of(3), None);
     }
 }

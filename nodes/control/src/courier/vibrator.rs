@@ -97,14 +97,26 @@ impl Vibrator {
         }
     }
 
-    /// Drops a vibration that has ended and starts the one wanted, at a servo tick.
-    pub(crate) fn advance(&mut self, tick: u64) {
+    /// Drops a vibration that has ended.
+    pub(crate) fn end(&mut self, tick: u64) {
         let period_s = self.period_s;
         self.running.take_if(|running| running.elapsed_s(tick, period_s) >= running.end_s());
-        if self.running.is_none()
-            && let Some(wanted) = self.wanted.as_ref().filter(|wanted| wanted.enabled)
-        {
-            let vibration = wanted.vibration.clone();
+    }
+
+    /// The vibration that may start now.
+    fn waiting(&self) -> Option<&Vibration> {
+        let wanted = self.wanted.as_ref().filter(|wanted| wanted.enabled && self.running.is_none());
+        wanted.map(|wanted| &wanted.vibration)
+    }
+
+    /// What the learner needs to know of a vibration of harmonics that may start now.
+    pub(crate) fn waiting_instant(&self, tick: u64) -> Option<Instant<'_>> {
+        self.waiting().and_then(|vibration| vibration.instant(tick, 0.0, f64::INFINITY))
+    }
+
+    /// Starts the vibration that may start, at a servo tick.
+    pub(crate) fn start(&mut self, tick: u64) {
+        if let Some(vibration) = self.waiting().cloned() {
             self.running = Some(Running { vibration, start_tick: tick, fade_out_s: f64::INFINITY });
         }
     }

@@ -134,6 +134,9 @@ pub enum Warning {
     /// Feeding brings no fitting part.
     #[error("no fitting part since {0:?}: load parts or check the class asked for")]
     Starved(Duration),
+    /// The courier driver says that it does not feed as it should.
+    #[error("the courier says: {0}")]
+    Courier(String),
     /// The courier could not return to the feeding place.
     #[error("the return to the feeding place failed: {0}")]
     ReturnFailed(String),

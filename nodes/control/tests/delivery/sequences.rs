@@ -253,6 +253,21 @@ fn starvation_is_no_fault_but_a_warning_and_the_timeout_a_failure() {
 }
 
 #[test]
+fn a_fault_of_the_courier_ends_every_delivery_at_once_and_is_over_when_the_couriers_is() {
+    let mut world = World::new(Faults::default(), config());
+    world.barren = true;
+    let ids = [world.request("right", None), world.request("left", None)];
+    world.run(5);
+    world.sequencer.courier_fault(Some("it is stuck"));
+    world.tick();
+    let fault = Failure::Fault("the courier is in fault: it is stuck".to_owned());
+    assert_eq!(world.finished(), ids.map(|id| (id, Err(fault.clone()))));
+    assert!(world.sequencer.fault().is_some() && !world.sequencer.is_starved());
+    world.sequencer.courier_fault(None);
+    assert_eq!(world.sequencer.fault(), None);
+}
+
+#[test]
 fn a_purge_feeds_until_the_plateau_is_empty_or_gives_up() {
     let purged = |world: &World| {
         world.log.iter().find_map(|(_, output)| match output {

@@ -7,9 +7,9 @@ use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_model::mechanics::Friction;
 use feeder_model::mechanics::annular::{AnnularTrack, PartState};
 use feeder_model::motion::MotionSample;
-use feeder_model::tray::TrayGeometry;
+use feeder_model::tray::{Surface, TrayGeometry};
 use feeder_model::waveform::{Axis, Waveform};
-use feeder_scenario::{SimulatedCourier, SimulatedDriver};
+use feeder_scenario::{SimulatedCourier, SimulatedDriver, WaveformSpec};
 
 /// Where the part on the ramp and the part on the plateau start, rad.
 const START_RAD: [f64; 2] = [1.0, 4.0];
@@ -53,7 +53,26 @@ impl FeedTrial {
     #[expect(clippy::expect_used, reason = "the paper's values are in range")]
     pub fn paper(period_s: f64) -> Self {
         let mu_g = 0.2 * STANDARD_GRAVITY_M_S2;
-        let waveform = Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 9.0 * mu_g, 66.7 * mu_g).expect("in range");
+        Self::of(Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 9.0 * mu_g, 66.7 * mu_g).expect("in range"), period_s)
+    }
+
+    /// The trial of the same tray and parts with the waveform that a scenario runs unless it states another: optimal at
+    /// 10 Hz for nine tenths of the friction.
+    #[must_use]
+    #[expect(clippy::expect_used, reason = "the values are in range")]
+    pub fn built_in(period_s: f64) -> Self {
+        let spec = WaveformSpec::Optimal {
+            period_s: 0.1,
+            radius_m: 0.085,
+            surface: Surface::Ramp,
+            friction: None,
+            limit_rad_s2: 130.0,
+        };
+        Self::of(spec.design(&TrayGeometry::PAPER, 0.2).expect("in range"), period_s)
+    }
+
+    #[expect(clippy::expect_used, reason = "the paper's values are in range")]
+    fn of(waveform: Waveform, period_s: f64) -> Self {
         let friction = Friction::uniform(0.2).expect("in range");
         let track = AnnularTrack::new(TrayGeometry::PAPER, friction, STANDARD_GRAVITY_M_S2).expect("in range");
         let mut trial = Self { waveform, track, radius_m: 0.085, period_s, reference_m_s: [1.0; 2] };
@@ -100,16 +119,27 @@ impl FeedTrial {
         let second = self.ticks(STRETCH_S);
         let settle = run(driver, second);
         let over = run(driver, second);
-        let feed_m_s = self.feed_m_s(&settle, &over);
-        ([0, 1].map(|surface| feed_m_s[surface] / self.reference_m_s[surface]), over)
+        (self.relative(&settle, &over), over)
     }
 
-    /// For a motion that began a whole number of periods after the vibration.
+    /// Feed on ramp and plateau over one motion of the tray relative to the reference, parts settling over another.
+    #[must_use]
+    pub fn relative(&self, settle: &[MotionSample], over: &[MotionSample]) -> [f64; 2] {
+        let feed_m_s = self.feed_m_s(settle, over);
+        [0, 1].map(|surface| feed_m_s[surface] / self.reference_m_s[surface])
+    }
+
+    /// Velocity against the waveform's at the phase that fits best: the courier began it when it had been measured.
     fn velocity_error_rad_s(&self, samples: &[MotionSample]) -> f64 {
-        let square = |(tick, sample): (usize, &MotionSample)| {
-            (sample.velocity.z - self.waveform.state_at(tick as f64 * self.period_s).velocity).powi(2)
+        let mean_square = |begun: usize| {
+            let square = |(tick, sample): (usize, &MotionSample)| {
+                let time_s = (tick + begun) as f64 * self.period_s;
+                (sample.velocity.z - self.waveform.state_at(time_s).velocity).powi(2)
+            };
+            samples.iter().enumerate().map(square).sum::<f64>() / samples.len() as f64
         };
-        (samples.iter().enumerate().map(square).sum::<f64>() / samples.len() as f64).sqrt()
+        // Three periods are a whole number of ticks.
+        (0..self.ticks(3.0 * self.waveform.period_s())).map(mean_square).fold(f64::INFINITY, f64::min).sqrt()
     }
 
     /// The waveform as a perfect tracker would run it.

@@ -2,4 +2,5 @@
 
 pub mod faults;
 pub mod feed;
+pub mod motors;
 pub mod rig;

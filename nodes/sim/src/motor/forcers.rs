@@ -25,6 +25,12 @@ pub(super) fn saturate(forces_n: Vector4<f64>, force_n_max: f64) -> Vector4<f64>
     forces_n.map(|force_n| force_n.clamp(-force_n_max, force_n_max))
 }
 
+/// What the iron gives of a force within the peak.
+pub(super) fn lose(forces_n: Vector4<f64>, parameters: &MotorParameters) -> Vector4<f64> {
+    let MotorParameters { force_loss_at_peak, forcer_force_n_max, .. } = *parameters;
+    forces_n.map(|force_n| force_n * (1.0 - force_loss_at_peak * (force_n / forcer_force_n_max).powi(2)))
+}
+
 /// What is given where the courier is at `position`, for what was meant: each forcer ripples with its own travel.
 pub(super) fn ripple(forces_n: Vector4<f64>, position: &Vector3<f64>, parameters: &MotorParameters) -> Vector4<f64> {
     if parameters.ripple == 0.0 {

@@ -1,6 +1,7 @@
 //! A simulated motor for the driver to drive.
 
 mod body;
+mod cable;
 mod faults;
 mod forcers;
 mod parameters;
@@ -14,6 +15,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use self::body::{Body, BodyState};
+use self::cable::Cable;
 pub use self::faults::{FaultHooks, SizedWindow, Window};
 pub use self::parameters::MotorParameters;
 use self::sensor::Sensor;
@@ -22,10 +24,10 @@ use feeder_model::motion::{MotionBlock, MotionSample};
 use feeder_model::motor::{Load, PlanarMotor, Wrench};
 use feeder_model::range::OutOfRange;
 
-/// A planar rigid body driven by saturating forcers, integrated exactly between servo ticks.
+/// A planar courier and its tray driven by saturating forcers, integrated exactly between servo ticks.
 ///
 /// Within a tick the commanded force is constant; a delay that is no whole number of ticks splits the tick. Ripple and
-/// the tether's pull are taken at the position at which a stretch of constant command begins.
+/// the pull of tether and cables are taken at the position at which a stretch of constant command begins.
 #[derive(Clone, Debug)]
 pub struct SimulatedMotor {
     parameters: MotorParameters,
@@ -37,6 +39,7 @@ pub struct SimulatedMotor {
     /// Commands under way with the time until they arrive, s.
     pending: VecDeque<(f64, Wrench)>,
     slider: Slider,
+    cable: Cable,
     air: bool,
     losses: Pcg64Mcg,
     time_s: f64,
@@ -61,6 +64,7 @@ impl SimulatedMotor {
             command: Wrench::zeros(),
             pending: VecDeque::new(),
             slider: Slider::new(),
+            cable: Cable::at_rest(position),
             air: true,
             losses: Pcg64Mcg::seed_from_u64(!seed),
             time_s: 0.0,
@@ -84,16 +88,23 @@ impl SimulatedMotor {
         self.time_s
     }
 
-    /// True position and velocity now, which no driver knows.
+    /// True position and velocity of the tray now, which no driver knows.
     #[must_use]
     pub fn motion(&self) -> (Vector3<f64>, Vector3<f64>) {
-        (self.position(), self.velocity())
+        let twist = Vector3::new(0.0, 0.0, self.state[9]);
+        let twist_rate = Vector3::new(0.0, 0.0, self.state[10]);
+        (self.position() + twist, self.velocity() + twist_rate)
     }
 
-    /// True motion since it was last taken, a sample for each servo tick. Until taken it is kept.
+    /// True motion of the tray since it was last taken, a sample for each servo tick. Until taken it is kept.
     pub fn take_block(&mut self) -> MotionBlock {
         let sample_period_s = self.block.sample_period_s;
         std::mem::replace(&mut self.block, MotionBlock { sample_period_s, samples: Vec::new() })
+    }
+
+    /// Position and velocity of what the sensor sees.
+    fn seen(&self) -> (Vector3<f64>, Vector3<f64>) {
+        if self.parameters.sensor_on_tray { self.motion() } else { (self.position(), self.velocity()) }
     }
 
     fn position(&self) -> Vector3<f64> {
@@ -110,9 +121,10 @@ impl SimulatedMotor {
         let force_n_max = forcer_force_n_max * faults.force_share(self.time_s);
         let forces_n = forcers::saturate(forcers::allocate(self.command, forcer_arm_m), force_n_max);
         let position = self.position();
-        let target = forcers::combine(forcers::ripple(forces_n, &position, &self.parameters), forcer_arm_m);
-        let wrench = self.tether_pull(&position) + self.slider.reaction();
-        self.body.advance(&mut self.state, target, wrench, duration_s);
+        let given_n = forcers::lose(forces_n, &self.parameters);
+        let target = forcers::combine(forcers::ripple(given_n, &position, &self.parameters), forcer_arm_m);
+        let wrench = self.tether_pull(&position) + self.cable.pull(&position, &self.parameters);
+        self.body.advance(&mut self.state, target, wrench, self.slider.reaction(), duration_s);
         if !self.air || faults.frozen(self.time_s) {
             self.state.fixed_rows_mut::<3>(0).copy_from(&position);
             self.state.fixed_rows_mut::<3>(3).fill(0.0);
@@ -144,7 +156,8 @@ impl SimulatedMotor {
 impl PlanarMotor for SimulatedMotor {
     fn step(&mut self, command: Wrench, duration_s: f64) {
         let (position, velocity) = self.motion();
-        self.sensor.note(position, velocity, duration_s, self.parameters.sensor_delay_s);
+        let (seen_position, seen_velocity) = self.seen();
+        self.sensor.note(seen_position, seen_velocity, duration_s, self.parameters.sensor_delay_s);
         self.send(command);
         let mut now_s = 0.0;
         while let Some(&(arrival_s, arriving)) = self.pending.front() {
@@ -160,15 +173,16 @@ impl PlanarMotor for SimulatedMotor {
         for (arrival_s, _) in &mut self.pending {
             *arrival_s = (*arrival_s - duration_s).max(0.0);
         }
-        self.slider.follow(&self.velocity(), duration_s, &self.parameters);
+        let reached = self.motion().1;
+        self.slider.follow(&reached, duration_s, &self.parameters);
         self.time_s += duration_s;
-        let acceleration = (self.velocity() - velocity) / duration_s;
+        let acceleration = (reached - velocity) / duration_s;
         self.block.sample_period_s = duration_s;
         self.block.samples.push(MotionSample { position, velocity, acceleration });
     }
 
     fn measure(&mut self) -> Vector3<f64> {
-        let (position, velocity) = self.motion();
+        let (position, velocity) = self.seen();
         let measured = self.sensor.read(position, velocity, &self.parameters);
         if self.parameters.faults.blind(self.time_s) { Vector3::repeat(f64::NAN) } else { measured }
     }
@@ -180,6 +194,8 @@ impl PlanarMotor for SimulatedMotor {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::TAU;
+
     use super::*;
     use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
 
@@ -187,6 +203,43 @@ mod tests {
 
     fn plant(parameters: MotorParameters) -> SimulatedMotor {
         SimulatedMotor::new(parameters, Vector3::zeros(), 1).unwrap()
+    }
+
+    #[test]
+    fn verif_a_tray_on_a_soft_mounting_swings_at_its_frequency_about_the_common_motion() {
+        let parameters = MotorParameters {
+            tray_inertia_share: 0.2,
+            tray_mode_hz: 100.0,
+            tray_mode_damping: 0.0,
+            ..MotorParameters::IDEAL
+        };
+        let mut plant = plant(parameters);
+        let (torque_n_m, inertia_kg_m2) = (0.01, 0.005);
+        plant.step(Wrench::new(0.0, 0.0, torque_n_m), TICK_S);
+        for _ in 1..200 {
+            plant.step(Wrench::new(0.0, 0.0, torque_n_m), TICK_S);
+            let (time_s, omega_rad_s) = (plant.time_s(), TAU * 100.0);
+            // The common motion is that of the rigid body. The mode is driven by −T/((1 − s) J) and swings about the twist
+            // at which the spring carries the tray: −T/((1 − s) J ω²) (1 − cos ω t).
+            let twist_rad =
+                -torque_n_m / (0.8 * inertia_kg_m2 * omega_rad_s.powi(2)) * (1.0 - (omega_rad_s * time_s).cos());
+            let common_rad = 0.5 * torque_n_m / inertia_kg_m2 * time_s * time_s;
+            // The centre of inertia moves as the rigid body: tray = common + (1 − s) twist, courier = common − s twist.
+            let tray_rad = plant.motion().0.z;
+            assert!((tray_rad - common_rad - 0.8 * twist_rad).abs() < 1e-12, "{tray_rad}");
+            assert!((plant.measure().z - common_rad + 0.2 * twist_rad).abs() < 1e-12);
+        }
+        plant.parameters.sensor_on_tray = true;
+        assert!((plant.measure().z - plant.motion().0.z).abs() < 1e-15);
+    }
+
+    #[test]
+    fn forces_near_the_peak_fall_short() {
+        let mut plant = plant(MotorParameters { force_loss_at_peak: 0.2, ..MotorParameters::IDEAL });
+        plant.step(Wrench::new(15.0, 30.0, 0.0), TICK_S);
+        // Half of the peak lacks a quarter of 20 %, all of it 20 %.
+        let (_, velocity) = plant.motion();
+        assert!((velocity - Vector3::new(0.95 * 12.5, 0.8 * 25.0, 0.0) * TICK_S).norm() < 1e-12, "{velocity}");
     }
 
     #[test]
@@ -306,7 +359,7 @@ mod tests {
                 force += (target - force) * (fine_s / parameters.lag_s);
                 let velocity: Vector3<f64> = state.fixed_rows::<3>(3).into();
                 let drag = velocity.component_mul(&Vector3::new(5.0, 5.0, 0.01));
-                reference.advance(&mut state, force - drag, Wrench::zeros(), fine_s);
+                reference.advance(&mut state, force - drag, Wrench::zeros(), Wrench::zeros(), fine_s);
             }
         }
         let (position, velocity) = plant.motion();

@@ -7,7 +7,7 @@ use super::faults::FaultHooks;
 use feeder_model::range::OutOfRange;
 use feeder_model::range::{check_range, check_ranges};
 
-/// A rigid courier driven by four forcers, tethered, and measured by a sensor.
+/// A courier driven by four forcers, tethered, measured by a sensor, with a tray on a mounting that may twist.
 ///
 /// Forcers 1 and 2 push along x and sit at y = ∓ the arm, forcers 3 and 4 push along y and sit at x = ± the arm; forces
 /// are positive along the axis. [`Self::IDEAL`] follows any command inside the envelope exactly; the assumed motor, `launch_configs/plants/assumed.yaml`, has the
@@ -18,7 +18,7 @@ pub struct MotorParameters {
     /// Mass, kg.
     #[schemars(range(min = 1e-2, max = 100.0))]
     pub mass_kg: f64,
-    /// Moment of inertia about the courier's centre of mass, kg m².
+    /// Moment of inertia of courier and empty tray about their centre of mass, kg m².
     #[schemars(range(min = 1e-6, max = 10.0))]
     pub inertia_kg_m2: f64,
     /// Offset of the centre of mass from the courier's centre along x and y, m. Yaw is too small to turn it.
@@ -39,6 +39,9 @@ pub struct MotorParameters {
     /// Force ripple of each forcer relative to its force, once a tooth pitch.
     #[schemars(range(min = 0.0, max = 0.5))]
     pub ripple: f64,
+    /// Share of a forcer's force that is missing at its peak, as the iron saturates; it grows with the square of the force.
+    #[schemars(range(min = 0.0, max = 0.9))]
+    pub force_loss_at_peak: f64,
     /// Phase of each forcer's ripple where the courier's position is 0, rad.
     #[schemars(inner(range(min = -10.0, max = 10.0)))]
     pub ripple_phase_rad: [f64; 4],
@@ -60,6 +63,28 @@ pub struct MotorParameters {
     /// Increase of that pull with the distance from the anchor, N/m.
     #[schemars(range(min = 0.0, max = 100.0))]
     pub tether_stiffness_n_m: f64,
+    /// Friction within the cables along x and along y, N: the force that is left when the courier has turned back.
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub cable_friction_n: f64,
+    /// The same in yaw, N m.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub cable_friction_n_m: f64,
+    /// Travel over which that force builds up, m.
+    #[schemars(range(min = 1e-6, max = 0.1))]
+    pub cable_travel_m: f64,
+    /// The same in yaw, rad.
+    #[schemars(range(min = 1e-6, max = 0.1))]
+    pub cable_travel_rad: f64,
+    /// Share of the moment of inertia that sits on the tray, behind a mounting that twists; 0 for a rigid one. A load is on
+    /// the tray.
+    #[schemars(range(min = 0.0, max = 0.9))]
+    pub tray_inertia_share: f64,
+    /// Frequency at which the empty tray swings against the free courier, Hz.
+    #[schemars(range(min = 10.0, max = 5000.0))]
+    pub tray_mode_hz: f64,
+    /// Damping ratio of that mode.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub tray_mode_damping: f64,
     /// Mass of the parts that slide on the tray, kg; what sticks to it belongs to the load.
     pub sliding_mass_kg: f64,
     /// Distance of these parts from the tray's centre, m.
@@ -71,6 +96,8 @@ pub struct MotorParameters {
     /// Length of the blocks in which their motion becomes known, s: their friction acts on the tray one block late.
     #[schemars(range(min = 1e-4, max = 0.1))]
     pub sliding_block_s: f64,
+    /// Whether the sensor sees the tray's yaw; it sees the courier's otherwise.
+    pub sensor_on_tray: bool,
     /// Resolution of the position sensor, m; 0 for none.
     #[schemars(range(min = 0.0, max = 1e-3))]
     pub sensor_resolution_m: f64,
@@ -101,6 +128,7 @@ impl MotorParameters {
         delay_s: 0.0,
         lag_s: 0.0,
         ripple: 0.0,
+        force_loss_at_peak: 0.0,
         ripple_phase_rad: [0.0; 4],
         tooth_pitch_m: 1.016e-3,
         drag_n_s_m: 0.0,
@@ -108,10 +136,18 @@ impl MotorParameters {
         tether_anchor_m: [0.0, 0.0],
         tether_tension_n: 0.0,
         tether_stiffness_n_m: 0.0,
+        cable_friction_n: 0.0,
+        cable_friction_n_m: 0.0,
+        cable_travel_m: 1e-3,
+        cable_travel_rad: 1e-2,
+        tray_inertia_share: 0.0,
+        tray_mode_hz: 1000.0,
+        tray_mode_damping: 0.02,
         sliding_mass_kg: 0.0,
         sliding_radius_m: 0.085,
         sliding_friction: 0.2,
         sliding_block_s: 0.01,
+        sensor_on_tray: false,
         sensor_resolution_m: 0.0,
         sensor_noise_m_rms: 0.0,
         sensor_delay_s: 0.0,

@@ -7,10 +7,10 @@ use nalgebra::Vector3;
 use super::config::CourierConfig;
 use super::control::Controller;
 use super::estimator::{Estimate, Estimator};
-use super::learning::Learner;
+use super::learning::{Learner, MeasuredResponse};
 use super::path::{Check, Path};
 use super::rejection::Rejection;
-use super::report::{Commander, DriverEvent, Fault, GoalHandle, GoalOutcome};
+use super::report::{Commander, DriverEvent, Fault, GoalHandle, GoalOutcome, VibrationPhase};
 use super::safety::Supervisor;
 use super::tolerance::{self, Allowed};
 use super::trajectory::{self, Spline, State};
@@ -72,9 +72,9 @@ impl<P: PlanarMotor> Driver<P> {
         let (control, learning, period_s) = (config.control, config.learning, config.servo_period_s);
         Ok(Self {
             controller: Controller::new(&control, mass, period_s)?,
-            learner: Learner::new(learning, control, mass, period_s)?,
+            learner: Learner::new(learning, control, mass, config.limits.wrench_max(), period_s)?,
             supervisor: Supervisor::new(config.safety, config.limits, period_s),
-            estimator: Estimator::new(&config.estimator, &config.start, learning.nominal_lag_s, period_s),
+            estimator: Estimator::new(&config.estimator, &config.start, period_s),
             active: true,
             config,
             motor,
@@ -101,6 +101,12 @@ impl<P: PlanarMotor> Driver<P> {
     /// What the driver was set up with, and the load it now reckons with.
     pub fn config(&self) -> &CourierConfig {
         &self.config
+    }
+
+    /// How the courier answers to force on the axis that vibrated last, harmonic by harmonic, as measured so far.
+    #[must_use]
+    pub fn measured_response(&self) -> Vec<MeasuredResponse> {
+        self.learner.measured_response()
     }
 
     /// Lets the courier move, or halts it and refuses commands from now on. It is active from the start.
@@ -276,6 +282,7 @@ impl<P: PlanarMotor> Driver<P> {
             }
             self.fault = None;
             self.supervisor.reset();
+            self.learner.retry();
             self.set_air(true);
             self.place(State { position: measured, ..State::default() });
         }
@@ -337,10 +344,19 @@ impl<P: PlanarMotor> Driver<P> {
     /// Gives up the set point that is not followed, and brakes from where the courier is.
     fn enter_fault(&mut self, fault: Fault) {
         self.vibrator.abort();
+        self.learner.stop_exciting();
         let Estimate { position, velocity, .. } = self.estimator.estimate();
         self.place(State { position, velocity, ..State::default() });
         self.end_goal(GoalOutcome::Faulted(fault.clone()));
         self.latch(fault);
+    }
+
+    /// What the vibration does, the measurement that comes before it included.
+    fn vibration(&self) -> VibrationPhase {
+        match self.vibrator.phase(self.tick) {
+            VibrationPhase::Off if self.learner.is_exciting() => VibrationPhase::Measuring,
+            phase => phase,
+        }
     }
 
     fn set_air(&mut self, on: bool) {

@@ -33,13 +33,13 @@ impl<P: PlanarMotor> Driver<P> {
             set_point: self.present.position,
             set_point_velocity: self.present.velocity,
             nominal_position: self.nominal().position,
-            vibration: self.vibrator.phase(self.tick),
+            vibration: self.vibration(),
             moving: self.path.is_some(),
             goal: self.goal.map(|goal| goal.handle),
             tracking_error_peak: peak,
             tracking_error_rms: (square / ticks.max(1) as f64).map(f64::sqrt),
             saturated_ticks,
-            learned_delay_s: self.learner.delay_s(),
+            learning: self.learner.report(),
             fault: self.fault.clone().or_else(|| self.coming_fault.clone()),
         };
         StepOutput { status, events: std::mem::take(&mut self.events) }
@@ -74,10 +74,13 @@ impl<P: PlanarMotor> Driver<P> {
         let in_full = command == wanted;
         self.controller.note_given(in_full);
         self.supervisor.note_given(in_full);
+        self.learner.note_given(&wanted, &command);
 
         self.motor.step(command, period_s);
         let mass = self.config.limits.moved(&self.config.load);
-        self.estimator.predict(&command.component_div(&mass), self.learner.delay_s());
+        let (gains, delay_s, lag_s) = self.learner.plant();
+        let acceleration = command.component_div(&mass).component_mul(&gains);
+        self.estimator.predict(&acceleration, delay_s, lag_s);
         self.tick += 1;
         self.present = next;
         (off_set_point, !in_full)
@@ -98,7 +101,7 @@ impl<P: PlanarMotor> Driver<P> {
         if let Some(fault) = found {
             return self.enter_fault(fault);
         }
-        let vibrating = self.vibrator.phase(self.tick) != VibrationPhase::Off;
+        let vibrating = self.vibration() != VibrationPhase::Off;
         let asked_by = [vibrating.then_some(Commander::Generator), self.goal.is_some().then_some(Commander::Planner)];
         let silence = self.supervisor.silence(asked_by.into_iter().flatten());
         if let Some(fault) = silence.filter(|_| self.coming_fault.is_none()) {
@@ -140,12 +143,21 @@ impl<P: PlanarMotor> Driver<P> {
 
     /// Ends what ends at this tick: the vibration, the path, and with it the goal.
     fn finish(&mut self, is_measured: bool, estimate: &Estimate) {
-        self.vibrator.advance(self.tick);
+        self.vibrator.end(self.tick);
+        let disturbed = self.path.is_some();
+        let learner = &mut self.learner;
+        match self.vibrator.waiting_instant(self.tick) {
+            Some(waiting) if !learner.is_ready(&waiting, disturbed) => {}
+            _ => {
+                learner.stop_exciting();
+                self.vibrator.start(self.tick);
+            }
+        }
         if let Some(path) = self.path.take_if(|path| path.ended(self.tick)) {
             self.hold = path.at(self.tick).position;
         }
         if self.path.is_none()
-            && self.vibrator.phase(self.tick) == VibrationPhase::Off
+            && self.vibration() == VibrationPhase::Off
             && let Some(fault) = self.coming_fault.take()
         {
             self.latch(fault);

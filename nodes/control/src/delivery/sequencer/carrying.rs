@@ -335,7 +335,7 @@ impl DeliverySequencer {
     fn return_failed(&mut self, now: Stamp, failures: u32, reason: String) -> bool {
         self.outputs.push(Output::Warning(Warning::ReturnFailed(reason.clone())));
         if failures >= self.config.retries_max {
-            return self.enter(SequencerState::Fault { reason }, None);
+            return self.enter(SequencerState::Fault { reason, of_courier: false }, None);
         }
         let not_before = now + Duration::from_secs_f64(self.config.retry_s);
         self.state = SequencerState::ToReturn { not_before, failures: failures + 1 };

@@ -16,7 +16,7 @@ impl DeliverySequencer {
     /// # Errors
     /// A station that is unknown or out of reach, a tolerance that cannot be promised, or a planner in fault.
     pub fn request(&mut self, now: Stamp, request: DeliveryRequest) -> Result<DeliveryId, Refusal> {
-        if let SequencerState::Fault { reason } = &self.state {
+        if let SequencerState::Fault { reason, .. } = &self.state {
             return Err(Refusal::Fault(reason.clone()));
         }
         let Some(&station_m) = self.config.stations_m.get(&request.station) else {
@@ -98,7 +98,7 @@ impl DeliverySequencer {
     /// Deliveries are open, or the planner is in fault.
     pub fn check_free(&self) -> Result<(), Refusal> {
         match (&self.state, self.queue.len()) {
-            (SequencerState::Fault { reason }, _) => Err(Refusal::Fault(reason.clone())),
+            (SequencerState::Fault { reason, .. }, _) => Err(Refusal::Fault(reason.clone())),
             (_, 0) => Ok(()),
             (_, open) => Err(Refusal::Busy(open)),
         }
@@ -120,6 +120,31 @@ impl DeliverySequencer {
         }
     }
 
+    /// Takes the courier's fault, or that it has none: with a courier that cannot move nothing can be delivered, and every
+    /// open delivery ends at once. The fault is over when the courier's is.
+    pub fn courier_fault(&mut self, fault: Option<&str>) {
+        match (fault, &self.state) {
+            (Some(_), SequencerState::Fault { .. }) => {}
+            (Some(fault), _) => {
+                self.feed(false);
+                let reason = format!("the courier is in fault: {fault}");
+                self.enter(SequencerState::Fault { reason, of_courier: true }, None);
+            }
+            (None, SequencerState::Fault { of_courier: true, .. }) => {
+                self.enter(SequencerState::Idle, None);
+            }
+            (None, _) => {}
+        }
+    }
+
+    /// Takes what the courier driver says against its own feeding, or that it says nothing.
+    pub fn courier_warning(&mut self, warning: Option<String>) {
+        if let Some(warning) = warning.clone().filter(|_| self.courier_warning.is_none()) {
+            self.outputs.push(Output::Warning(Warning::Courier(warning)));
+        }
+        self.courier_warning = warning;
+    }
+
     /// Takes the generator's refusal to switch feeding.
     pub fn feed_refused(&mut self, reason: String) {
         self.feed_refusal = Some(reason);
@@ -134,7 +159,8 @@ impl DeliverySequencer {
     pub fn area_answered(&mut self, id: ReserveId, answer: LeaseAnswer) {
         if let Some(reason) = self.leases.answered(id, answer, &mut self.outputs) {
             self.outputs.push(Output::Warning(Warning::NoParking(reason.clone())));
-            self.enter(SequencerState::Fault { reason: Warning::NoParking(reason).to_string() }, None);
+            let reason = Warning::NoParking(reason).to_string();
+            self.enter(SequencerState::Fault { reason, of_courier: false }, None);
         }
     }
 

@@ -43,18 +43,61 @@ struct Planned {
 #[derive(Clone, Debug)]
 enum SequencerState {
     Idle,
-    Feeding { since: Stamp, starved: bool },
-    Purging { since: Stamp, deadline: Stamp, empty: u32, seen: Option<Stamp> },
-    Stopping { since: Stamp },
+    Feeding {
+        since: Stamp,
+        starved: bool,
+    },
+    Purging {
+        since: Stamp,
+        deadline: Stamp,
+        empty: u32,
+        seen: Option<Stamp>,
+    },
+    Stopping {
+        since: Stamp,
+    },
     Settling,
-    Looking { since: Stamp, rest_since: Stamp, seen: Option<Stamp>, looks: u32 },
-    Reserving { stops: VecDeque<Planned> },
-    Moving { stops: VecDeque<Planned>, id: MoveId, deadline: Stamp, ended: bool },
-    Checking { stops: VecDeque<Planned>, since: Stamp },
-    Presented { stops: VecDeque<Planned>, delivered: Delivered, since: Stamp, deadline: Stamp, taken: Option<bool> },
-    ToReturn { not_before: Stamp, failures: u32 },
-    Returning { id: MoveId, deadline: Stamp, ended: bool, failures: u32 },
-    Fault { reason: String },
+    Looking {
+        since: Stamp,
+        rest_since: Stamp,
+        seen: Option<Stamp>,
+        looks: u32,
+    },
+    Reserving {
+        stops: VecDeque<Planned>,
+    },
+    Moving {
+        stops: VecDeque<Planned>,
+        id: MoveId,
+        deadline: Stamp,
+        ended: bool,
+    },
+    Checking {
+        stops: VecDeque<Planned>,
+        since: Stamp,
+    },
+    Presented {
+        stops: VecDeque<Planned>,
+        delivered: Delivered,
+        since: Stamp,
+        deadline: Stamp,
+        taken: Option<bool>,
+    },
+    ToReturn {
+        not_before: Stamp,
+        failures: u32,
+    },
+    Returning {
+        id: MoveId,
+        deadline: Stamp,
+        ended: bool,
+        failures: u32,
+    },
+    /// One of the courier's own ends with it.
+    Fault {
+        reason: String,
+        of_courier: bool,
+    },
 }
 
 impl SequencerState {
@@ -98,6 +141,8 @@ pub struct DeliverySequencer {
     /// Stamp of the last frame that feeding has looked at.
     fed_frame: Option<Stamp>,
     courier: Option<CourierReport>,
+    /// What the courier driver says against its own feeding.
+    courier_warning: Option<String>,
     /// Since when the courier has neither moved nor vibrated.
     rest_since: Option<Stamp>,
     move_ended: Option<(MoveId, Result<(), String>)>,
@@ -143,6 +188,7 @@ impl DeliverySequencer {
             frame: None,
             fed_frame: None,
             courier: None,
+            courier_warning: None,
             rest_since: None,
             move_ended: None,
             hand_over: VecDeque::new(),
@@ -174,11 +220,17 @@ impl DeliverySequencer {
         matches!(self.state, SequencerState::Feeding { starved: true, .. })
     }
 
+    /// Why parts may not come although there are some, if the courier says so.
+    #[must_use]
+    pub fn feed_trouble(&self) -> Option<&str> {
+        self.courier_warning.as_deref()
+    }
+
     /// Why the planner is in fault, if it is.
     #[must_use]
     pub fn fault(&self) -> Option<&str> {
         match &self.state {
-            SequencerState::Fault { reason } => Some(reason),
+            SequencerState::Fault { reason, .. } => Some(reason),
             _ => None,
         }
     }
@@ -244,7 +296,7 @@ impl DeliverySequencer {
             SequencerState::Returning { id, deadline, ended, failures } => {
                 self.returning(now, id, deadline, ended, failures)
             }
-            SequencerState::Fault { reason } => {
+            SequencerState::Fault { reason, .. } => {
                 let open = !self.queue.is_empty();
                 for delivery in std::mem::take(&mut self.queue) {
                     self.outputs.push(Output::Finished(delivery.id, Err(Failure::Fault(reason.clone()))));

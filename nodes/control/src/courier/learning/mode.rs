@@ -1,0 +1,149 @@
+//! A tray that swings on its mounting, from how the plant answers beside a rigid one.
+
+use nalgebra::{Complex, Matrix3, Vector3};
+
+/// The plant's answer over that of a rigid one at one frequency, and its standard deviation.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ratio {
+    pub(super) omega_rad_s: f64,
+    pub(super) ratio: Complex<f64>,
+    pub(super) deviation: f64,
+}
+
+/// A mode of two inertias on a spring: beside the rigid body's −1/ω² the sensor sees φ/(ω_r² − ω² + 2 i ζ ω_r ω).
+///
+/// Force and motion at the same inertia give φ > 0, that of the other over its own. Seen at the other inertia φ is −1,
+/// whatever the two are. So the sign of φ says whether the sensor sees the courier or the tray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TrayMode {
+    omega_rad_s: f64,
+    damping: f64,
+    residue: f64,
+    /// The plant below the mode over the rigid plant that it was compared with.
+    factor: f64,
+}
+
+impl TrayMode {
+    /// By how much the sum of squares of deviations must fall for a mode to be believed.
+    const EVIDENCE: f64 = 40.0;
+    /// Damping ratios tried.
+    const DAMPINGS: [f64; 4] = [0.005, 0.01, 0.02, 0.05];
+    /// Step from one frequency tried to the next, relative.
+    const STEP: f64 = 0.005;
+
+    /// The mode that explains the ratios best, if one explains them much better than none. The rigid plant may be off by a
+    /// factor and a little delay.
+    pub(super) fn fit(ratios: &[Ratio]) -> Option<Self> {
+        let (lowest, highest) = (ratios.first()?.omega_rad_s, ratios.last()?.omega_rad_s);
+        let without = squares(ratios, |_| Complex::from(0.0))?.1;
+        let mut best: Option<(Self, f64)> = None;
+        let mut omega_rad_s = 1.5 * lowest;
+        while omega_rad_s < highest {
+            for damping in Self::DAMPINGS {
+                let mode = Self { omega_rad_s, damping, residue: 1.0, factor: 1.0 };
+                let Some((solution, left)) = squares(ratios, |omega| -omega * omega / mode.denominator(omega)) else {
+                    continue;
+                };
+                if best.is_none_or(|(_, least)| left < least) {
+                    best = Some((Self { residue: solution.z / solution.x, factor: solution.x, ..mode }, left));
+                }
+            }
+            omega_rad_s *= 1.0 + Self::STEP;
+        }
+        best.filter(|(_, left)| without - left > Self::EVIDENCE && *left < 0.5 * without).map(|(mode, _)| mode)
+    }
+
+    fn denominator(&self, omega_rad_s: f64) -> Complex<f64> {
+        let (mode, omega) = (self.omega_rad_s, omega_rad_s);
+        Complex::new(mode * mode - omega * omega, 2.0 * self.damping * mode * omega)
+    }
+
+    /// Frequency of the mode, rad/s.
+    pub(super) fn omega_rad_s(&self) -> f64 {
+        self.omega_rad_s
+    }
+
+    /// What the sensor sees over what it would see of the rigid plant that the mode was compared with.
+    pub(super) fn seen_over_rigid(&self, omega_rad_s: f64) -> Complex<f64> {
+        let swing = omega_rad_s * omega_rad_s / self.denominator(omega_rad_s);
+        (1.0 - self.residue * swing) * self.factor
+    }
+
+    /// Motion of the tray over that which the sensor sees.
+    pub(super) fn tray_over_seen(&self, omega_rad_s: f64) -> Complex<f64> {
+        if self.residue <= 0.0 {
+            return Complex::from(1.0);
+        }
+        let swing = omega_rad_s * omega_rad_s / self.denominator(omega_rad_s);
+        (1.0 + swing) / (1.0 - self.residue * swing)
+    }
+}
+
+/// Least squares of the ratios by a + i b ω + φ `shape`: (a, b, φ), and the sum of squares that is left.
+fn squares(ratios: &[Ratio], shape: impl Fn(f64) -> Complex<f64>) -> Option<(Vector3<f64>, f64)> {
+    let (mut matrix, mut moment, mut sum) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
+    let highest = ratios.last()?.omega_rad_s;
+    for ratio in ratios {
+        let weight = ratio.deviation.powi(-2);
+        let shape = shape(ratio.omega_rad_s);
+        let slopes = [
+            (Vector3::new(1.0, 0.0, shape.re), ratio.ratio.re),
+            (Vector3::new(0.0, ratio.omega_rad_s / highest, shape.im), ratio.ratio.im),
+        ];
+        for (slope, value) in slopes {
+            matrix += slope * slope.transpose() * weight;
+            moment += slope * (value * weight);
+            sum += value * value * weight;
+        }
+    }
+    // A shape of nothing leaves φ open.
+    matrix[(2, 2)] += 1e-9 * (1.0 + matrix[(0, 0)]);
+    let solution = matrix.cholesky()?.solve(&moment);
+    Some((solution, sum - solution.dot(&moment)))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    fn ratios(mode: Option<TrayMode>, noise: f64) -> Vec<Ratio> {
+        let at = |order: u32| {
+            let omega_rad_s = TAU * 30.0 * f64::from(order);
+            let swing = mode.map_or(Complex::from(0.0), |mode| {
+                mode.residue * omega_rad_s * omega_rad_s / mode.denominator(omega_rad_s)
+            });
+            let error = Complex::from_polar(noise, f64::from(order * order));
+            Ratio { omega_rad_s, ratio: 1.1 * (1.0 - swing) + error, deviation: noise }
+        };
+        (1..=31).map(at).collect()
+    }
+
+    #[test]
+    fn verif_a_mode_is_found_and_so_is_the_place_of_the_sensor() {
+        for (hz, residue) in [(120.0, 0.43), (180.0, 0.11), (405.0, 0.05), (180.0, -1.0), (640.0, -1.0)] {
+            let mode = TrayMode { omega_rad_s: TAU * hz, damping: 0.02, residue, factor: 1.0 };
+            let found = TrayMode::fit(&ratios(Some(mode), 0.02)).unwrap();
+            assert!((found.omega_rad_s / mode.omega_rad_s - 1.0).abs() < 0.02, "{found:?} {mode:?}");
+            assert!((found.residue - residue).abs() < 0.2 * residue.abs(), "{found:?} {mode:?}");
+            assert_eq!(residue < 0.0, found.tray_over_seen(1000.0) == Complex::from(1.0));
+        }
+    }
+
+    #[test]
+    fn a_rigid_courier_has_no_mode() {
+        assert_eq!(TrayMode::fit(&ratios(None, 0.05)), None);
+    }
+
+    #[test]
+    fn verif_the_tray_moves_as_two_inertias_on_a_spring_do() {
+        // Below the mode alike, at the courier's antiresonance the tray alone, far above the tray hardly.
+        let mode = TrayMode { omega_rad_s: 1000.0, damping: 1e-6, residue: 0.25, factor: 1.0 };
+        assert!((mode.tray_over_seen(10.0) - 1.0).norm() < 1e-3);
+        // (1 + φ) ω_a² = ω_r².
+        assert!(mode.tray_over_seen(1000.0 / 1.25_f64.sqrt()).norm() > 1e3);
+        let ratio = mode.tray_over_seen(5000.0);
+        assert!((ratio - 1.0 / (1.0 - 25.0 * 1.25)).norm() < 1e-3, "{ratio}");
+    }
+}
