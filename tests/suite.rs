@@ -16,6 +16,7 @@ mod part_file;
 mod partner;
 mod peers;
 mod picking;
+mod pictures;
 mod system;
 mod tidy;
 mod wall_clock;

@@ -1,10 +1,13 @@
 //! The `feeder` command as a library: each subcommand lives in a module of its own, this file only names them.
 
 mod bag;
+mod calibrate;
 mod crew;
 mod graph_check;
 pub mod lesson;
+mod look;
 pub mod part;
+mod pictures;
 pub mod recording;
 pub mod scenario_file;
 pub mod summary;
@@ -33,6 +36,8 @@ enum Command {
     Node(NodeArgs),
     Bag(bag::BagArgs),
     Teach(teach::TeachArgs),
+    Look(look::LookArgs),
+    Calibrate(calibrate::CalibrateArgs),
     GraphCheck(graph_check::Args),
     Part(part::Args),
 }
@@ -64,6 +69,8 @@ pub fn main() -> ExitCode {
         }
         Command::GraphCheck(args) => graph_check::run(&args),
         Command::Teach(args) => teach::run(&args),
+        Command::Look(args) => look::run(&args),
+        Command::Calibrate(args) => calibrate::run(&args),
         Command::Part(args) => part::run(&args),
     };
     match outcome {

@@ -149,6 +149,16 @@ impl Scenario {
         Self { part_model: None, ..Self::parse(yaml)? }.load_and_check(read)
     }
 
+    /// Takes over what `feeder teach` printed in place of what the selector was taught.
+    ///
+    /// # Errors
+    /// A text that is no such model, or one of another part.
+    pub fn teach(&mut self, model: &str) -> Result<(), ScenarioError> {
+        let model = serde_saphyr::from_str(model).map_err(|error| invalid("part_model", &error))?;
+        self.part_model = Some(Source::Here(Box::new(model)));
+        self.validate()
+    }
+
     fn parse(yaml: &str) -> Result<Self, ScenarioError> {
         moved::check(yaml)?;
         serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(error.to_string()))

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{PoseHistoryConfig, TrackerConfig};
+use super::{CalibrationLimits, PoseHistoryConfig, TrackerConfig};
 use feeder_model::range::{OutOfRange, check_ranges};
 
 /// What the selector is asked for and how sure it must be.
@@ -36,6 +36,8 @@ pub struct SelectorConfig {
     pub tracker: TrackerConfig,
     /// Where the tray stood when an image was taken.
     pub odometry: PoseHistoryConfig,
+    /// How far the camera's calibration may be off.
+    pub calibration: CalibrationLimits,
 }
 
 impl Default for SelectorConfig {
@@ -50,6 +52,7 @@ impl Default for SelectorConfig {
             evidence_lead_min: 0.15,
             tracker: TrackerConfig::default(),
             odometry: PoseHistoryConfig::default(),
+            calibration: CalibrationLimits::default(),
         }
     }
 }
@@ -63,6 +66,7 @@ impl SelectorConfig {
     pub fn validate(&self) -> Result<(), OutOfRange> {
         check_ranges("selector.", self)?;
         self.odometry.validate()?;
+        self.calibration.validate()?;
         self.tracker.validate()
     }
 }

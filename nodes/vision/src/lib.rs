@@ -6,20 +6,25 @@
 //! yaw, and of parts with a yaw where a glance at all yaws misses least; `align` tries yaws there and fits place and yaw to a fraction of a pixel; `detector` takes the best fits for parts
 //! until nothing is left to explain, so that touching parts come apart; `candidate` tells pose, confidence and room. `track`
 //! follows parts from frame to frame, and `rule` says which of them may be picked.
+//!
+//! Beside that, [`decode`] and [`RawPicture`] read what cameras send, [`misalignment`] tells by rim and hub whether the camera hangs
+//! where it is said to, [`calibrate`] finds out where it hangs, and [`things`] shows what lies there before a part is taught.
 
 mod align;
 mod blobs;
+mod calibration;
 mod candidate;
 mod config;
-mod decode;
 mod detector;
 mod hull;
 mod overlay;
+mod picture;
 mod pose_history;
 mod rule;
 mod search;
 mod segment;
 mod sought;
+mod survey;
 mod teach;
 mod template;
 mod track;
@@ -34,11 +39,16 @@ use feeder_model::part::Refusals;
 use feeder_model::range::OutOfRange;
 use track::Tracker;
 
+pub use calibration::{
+    Calibrated, CalibrationError, CalibrationFault, CalibrationLimits, CalibrationWatch, Misalignment, RimNotSeen,
+    Shot, ToldOptics, ToldOtherwise, calibrate, misalignment,
+};
 pub use candidate::Candidate;
 pub use config::SelectorConfig;
-pub use decode::{DecodeError, decode};
 pub use overlay::draw_overlay;
+pub use picture::{PictureError, RawPicture, binned, decode};
 pub use pose_history::{NoPose, PoseHistory, PoseHistoryConfig, TimedPose};
+pub use survey::{PICTURES_MIN, Thing, bare_plateau, things};
 pub use teach::{LaidPart, PoseSpec, TeachError, TeachFrame, TeachSpec, teach};
 pub use template::{PartModel, Plane, PoseTemplate};
 pub use track::{TrackedCandidate, TrackerConfig};
@@ -47,7 +57,10 @@ pub use track::{TrackedCandidate, TrackerConfig};
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ImageFault {
     /// The image is not the calibrated camera's.
-    #[error("the image has {found:?} px; the camera has {expected:?} px")]
+    #[error(
+        "the image has {}x{} px; the camera has {}x{} px, and a picture of a whole multiple of that is binned",
+        found.0, found.1, expected.0, expected.1
+    )]
     WrongSize {
         /// Width and height of the image.
         found: (u32, u32),

@@ -64,19 +64,24 @@ impl View<'_> {
         Point3::new(on_platen.x, on_platen.y, height_m)
     }
 
+    /// Points on the plateau's outline, tray frame, m.
+    pub(super) fn outline_of_plateau(tray: &MountedTray) -> Vec<Point2<f64>> {
+        let geometry = &tray.geometry;
+        let at = |step: u32| {
+            let share = f64::from(step) / f64::from(OUTLINE_STEPS);
+            let (sin, cos) = (geometry.ramp_angle_rad + share * (TAU - geometry.ramp_angle_rad)).sin_cos();
+            [geometry.inner_radius_m, geometry.outer_radius_m].map(|radius_m| Point2::new(cos, sin) * radius_m)
+        };
+        (0..=OUTLINE_STEPS).flat_map(at).collect()
+    }
+
     /// The pixels that may see the plateau; `None` if none does.
     pub(super) fn plateau_window(&self) -> Option<Window> {
-        let geometry = &self.tray.geometry;
         let (mut low, mut high) = (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY));
-        for step in 0..=OUTLINE_STEPS {
-            let share = f64::from(step) / f64::from(OUTLINE_STEPS);
-            let psi_rad = geometry.ramp_angle_rad + share * (TAU - geometry.ramp_angle_rad);
-            let (sin, cos) = psi_rad.sin_cos();
-            for radius_m in [geometry.inner_radius_m, geometry.outer_radius_m] {
-                let pixel = self.pixel(Point2::new(radius_m * cos, radius_m * sin), self.tray.plateau_height_m())?;
-                low = low.inf(&pixel.coords);
-                high = high.sup(&pixel.coords);
-            }
+        for place in Self::outline_of_plateau(self.tray) {
+            let pixel = self.pixel(place, self.tray.plateau_height_m())?;
+            low = low.inf(&pixel.coords);
+            high = high.sup(&pixel.coords);
         }
         let range = |low: f64, high: f64, size: u32| {
             let last = size as usize - 1 - BORDER_PX;

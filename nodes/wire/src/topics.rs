@@ -69,13 +69,13 @@ interface! {
         TopicSpec::new(FEEDER, "camera/image_raw/compressed", Qos::command()),
         [PART_SIMULATOR] => [Forward(VISION_SELECTOR), Outside("viewers")];
 
-    /// Grey pictures of the camera, sent while somebody looks
+    /// Grey pictures of the camera, sent while somebody looks; the selector hears them where its image_transport is raw
     IMAGE_RAW: TopicSpec<Image> = TopicSpec::new(FEEDER, "camera/image_raw", Qos::sensor()),
-        [PART_SIMULATOR] => [Outside("viewers")];
+        [PART_SIMULATOR] => [Forward(VISION_SELECTOR), Outside("viewers")];
 
     /// Calibration of the camera, px
     CAMERA_INFO: TopicSpec<CameraInfo> = TopicSpec::new(FEEDER, "camera/camera_info", Qos::command()),
-        [PART_SIMULATOR] => [Outside("viewers")];
+        [PART_SIMULATOR] => [Forward(VISION_SELECTOR), Outside("viewers")];
 
     /// The pictures with what was seen drawn in, sent while somebody looks
     IMAGE_ANNOTATED: TopicSpec<Image> = TopicSpec::new(FEEDER, "camera/annotated", Qos::sensor()),

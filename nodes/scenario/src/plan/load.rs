@@ -103,6 +103,22 @@ pub fn load_untaught(file: Option<&Path>) -> Result<Scenario, LoadError> {
     Scenario::read_untaught(&text, &mut beside(file)).map_err(|problem| invalid(file, problem))
 }
 
+/// Reads a scenario with `model` in place of what it says its selector was taught; without one, as it is.
+///
+/// # Errors
+/// As [`load`], and a model that cannot be read or was taught another part.
+pub fn load_with_model(file: Option<&Path>, model: Option<&Path>) -> Result<Scenario, LoadError> {
+    let text = read_text(file)?;
+    let Some(model) = model else {
+        return Scenario::read(&text, &mut beside(file)).map_err(|problem| invalid(file, problem));
+    };
+    let mut scenario = load_untaught(file)?;
+    let taught = std::fs::read_to_string(model);
+    let taught = taught.map_err(|problem| LoadError::Read { file: model.to_owned(), problem })?;
+    scenario.teach(&taught).map_err(|problem| invalid(Some(model), problem))?;
+    Ok(scenario)
+}
+
 /// A plan begins with where it comes from, which no scenario says.
 fn is_plan(text: &str) -> bool {
     text.lines().any(|line| line.starts_with("provenance:"))

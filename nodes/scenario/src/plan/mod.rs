@@ -13,11 +13,11 @@ use serde::{Deserialize, Serialize};
 use crate::{RunSection, ScenarioError, TimeSection};
 
 pub use kinds::{NodeConfig, PlannedConfig};
-pub use load::{LoadError, Loaded, load, load_node, load_plan, load_untaught, named};
+pub use load::{LoadError, Loaded, load, load_node, load_plan, load_untaught, load_with_model, named};
 pub use nodes::{
-    CourierDriverConfig, DeliveryPlannerConfig, OverheadManipulatorConfig, PartSimulatorConfig, PlannedRecipe,
-    PlannedStation, PlatenArbiterConfig, RunMonitorConfig, ServedFeeder, SimulatedCamera, VisionSelectorConfig,
-    WaveformGeneratorConfig,
+    CourierDriverConfig, DeliveryPlannerConfig, ImageTransport, OverheadManipulatorConfig, PartSimulatorConfig,
+    PlannedRecipe, PlannedStation, PlatenArbiterConfig, RunMonitorConfig, ServedFeeder, SimulatedCamera,
+    VisionSelectorConfig, WaveformGeneratorConfig,
 };
 
 /// Everything that runs, and how. Nothing is left to be looked up or derived.

@@ -171,6 +171,17 @@ impl PartSimulatorConfig {
     }
 }
 
+/// How pictures come to the selector, in the words of `image_transport`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ImageTransport {
+    /// As JPEG or PNG, on `camera/image_raw/compressed`. Simulated runs have nothing else.
+    #[default]
+    Compressed,
+    /// As they are, on `camera/image_raw`.
+    Raw,
+}
+
 /// Configuration of the vision selector.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -189,6 +200,9 @@ pub struct VisionSelectorConfig {
     pub selector: SelectorConfig,
     /// Time between frames of the camera, ms.
     pub camera_period_ms: u64,
+    /// How pictures come: `compressed`, or `raw` where the camera sends no compressed ones.
+    #[serde(default)]
+    pub image_transport: ImageTransport,
     /// Optics, size and place of the camera, as calibrated.
     pub camera: CameraModel,
     /// The tray and how it sits on the courier.

@@ -5,8 +5,9 @@ use feeder_model::part::PartType;
 
 use super::kinds::PlannedConfig;
 use super::nodes::{
-    CourierDriverConfig, DeliveryPlannerConfig, OverheadManipulatorConfig, PartSimulatorConfig, PlannedRecipe,
-    PlannedStation, PlatenArbiterConfig, RunMonitorConfig, ServedFeeder, VisionSelectorConfig, WaveformGeneratorConfig,
+    CourierDriverConfig, DeliveryPlannerConfig, ImageTransport, OverheadManipulatorConfig, PartSimulatorConfig,
+    PlannedRecipe, PlannedStation, PlatenArbiterConfig, RunMonitorConfig, ServedFeeder, VisionSelectorConfig,
+    WaveformGeneratorConfig,
 };
 use super::{PlannedNode, Provenance, RunPlan};
 use crate::validate::check_taught;
@@ -116,6 +117,7 @@ impl Scenario {
             wanted_poses: part.wanted_poses.clone(),
             selector: self.selector.clone(),
             camera_period_ms: self.camera.period_ms,
+            image_transport: ImageTransport::default(),
             camera: self.camera.model.clone(),
             tray: self.tray,
             part_model: (**model).clone(),

@@ -1,0 +1,156 @@
+//! Finds the tray's rim, hub and drop-off in a picture: points of their edges, to a fraction of a pixel.
+
+use std::f64::consts::TAU;
+
+use image::GrayImage;
+use nalgebra::{Point2, Point3, Vector2};
+
+use crate::view::View;
+
+/// Spokes on which the outer edge of the rim and that of the hub are looked for, and places along the drop-off.
+const RIM_SPOKES: u32 = 120;
+const HUB_SPOKES: u32 = 72;
+const DROP_OFF_PLACES: u32 = 48;
+/// Share of the plateau's width at both ends of the drop-off that is left out: there the walls' shade lies.
+const DROP_OFF_MARGIN_RATIO: f64 = 0.08;
+/// Between samples across an edge, px, and over how many of them brightness is compared.
+const STEP_PX: f64 = 0.5;
+const SPAN: usize = 4;
+/// Samples on both sides of the steepest place that say where an edge lies.
+const PEAK: usize = 3;
+/// Grey levels by which the two sides of an edge differ at least: five times the noise of a poor camera.
+const STEP_LEVELS_MIN: f32 = 12.0;
+/// An edge that differs by less than this share of the usual step on its curve is another one.
+const STEP_RATIO_MIN: f32 = 0.4;
+
+/// A place on an edge of the tray, and where the picture shows that edge.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct EdgePoint {
+    /// On the edge, platen frame, m.
+    pub place: Point3<f64>,
+    /// Where the camera should see the place, px.
+    pub expected: Point2<f64>,
+    /// Across the edge, in the picture.
+    pub across: Vector2<f64>,
+    /// How far across the edge is seen from where it should be, px.
+    pub miss_px: f64,
+}
+
+/// What is found of the edges.
+#[derive(Clone, Debug)]
+pub(super) struct Edges {
+    /// Where an edge is seen, the rim's first.
+    pub seen: Vec<EdgePoint>,
+    /// How many of them are the rim's.
+    pub rim_seen: usize,
+    /// How many places on the rim lie in the picture.
+    pub rim_in_view: usize,
+}
+
+/// Finds the edges, up to `reach_px` from where they should be.
+pub(super) fn find(view: &View, image: &GrayImage, reach_px: f64) -> Edges {
+    let geometry = &view.tray.geometry;
+    let (inner_m, outer_m) = (geometry.inner_radius_m, geometry.outer_radius_m);
+    let spokes = |radius_m: f64, spokes: u32| {
+        (0..spokes).map(move |spoke| {
+            let (sin, cos) = (TAU * f64::from(spoke) / f64::from(spokes)).sin_cos();
+            let outward = Vector2::new(cos, sin);
+            (Point2::from(outward * radius_m), outward)
+        })
+    };
+    let drop_off = (0..DROP_OFF_PLACES).map(|place| {
+        let share = f64::from(place) / f64::from(DROP_OFF_PLACES - 1);
+        let share = DROP_OFF_MARGIN_RATIO + (1.0 - 2.0 * DROP_OFF_MARGIN_RATIO) * share;
+        (Point2::new(inner_m + share * (outer_m - inner_m), 0.0), Vector2::y())
+    });
+    let top_m = view.tray.wall_top_m();
+    let profile = |height_m: f64| move |(place, across)| Profile::new(view, image, place, across, height_m, reach_px);
+    let rim = spokes(outer_m + view.tray.wall_thickness_m, RIM_SPOKES).filter_map(profile(top_m)).collect::<Vec<_>>();
+    let hub = spokes(inner_m, HUB_SPOKES).filter_map(profile(top_m)).collect::<Vec<_>>();
+    let drop_off = drop_off.filter_map(profile(view.tray.plateau_height_m())).collect::<Vec<_>>();
+    let mut seen: Vec<EdgePoint> = steps(&rim).collect();
+    let rim_seen = seen.len();
+    seen.extend(steps(&hub).chain(steps(&drop_off)));
+    Edges { seen, rim_seen, rim_in_view: rim.len() }
+}
+
+/// Brightness across an edge.
+struct Profile {
+    point: EdgePoint,
+    reach_px: f64,
+    /// How much brighter it gets over a few samples.
+    rises: Vec<f32>,
+}
+
+impl Profile {
+    /// `None` where the camera does not see so far to both sides.
+    fn new(
+        view: &View,
+        image: &GrayImage,
+        place: Point2<f64>,
+        across: Vector2<f64>,
+        height_m: f64,
+        reach_px: f64,
+    ) -> Option<Self> {
+        let expected = view.pixel(place, height_m)?;
+        let across = (view.px_from_tray(place, height_m)? * across).try_normalize(0.0)?;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few dozen")]
+        let half = (reach_px / STEP_PX).ceil() as usize + SPAN / 2;
+        let levels: Option<Vec<f32>> = (0..=2 * half)
+            .map(|index| level(image, expected + across * (STEP_PX * (index as f64 - half as f64))))
+            .collect();
+        let rises = levels?.windows(SPAN + 1).map(|window| window[SPAN] - window[0]).collect();
+        let platen = view.platen_from_tray * place;
+        let point = EdgePoint { place: Point3::new(platen.x, platen.y, height_m), expected, across, miss_px: 0.0 };
+        Some(Self { point, reach_px: STEP_PX * (half - SPAN / 2) as f64, rises })
+    }
+
+    /// The steepest rise, or fall where `sign` is −1: how steep, and at which sample.
+    fn steepest(&self, sign: f32) -> (f32, usize) {
+        let steeper = |best: (f32, usize), (index, rise): (usize, &f32)| {
+            if sign * rise > best.0 { (sign * rise, index) } else { best }
+        };
+        self.rises.iter().enumerate().fold((0.0, 0), steeper)
+    }
+
+    /// Where about a sample the brightness changes, px from where the edge should be.
+    fn middle_px(&self, sign: f32, index: usize) -> f64 {
+        let range = index.saturating_sub(PEAK)..(index + PEAK + 1).min(self.rises.len());
+        let (sum, moment) = range.fold((0.0, 0.0), |(sum, moment), index| {
+            let rise = f64::from((sign * self.rises[index]).max(0.0));
+            (sum + rise, moment + rise * index as f64)
+        });
+        STEP_PX * moment / sum - self.reach_px
+    }
+}
+
+/// The edge on each profile of a curve. All have the brighter side on the same side, whichever that is.
+fn steps(profiles: &[Profile]) -> impl Iterator<Item = EdgePoint> {
+    let usual = |sign: f32| {
+        let mut steps: Vec<f32> = profiles.iter().map(|profile| profile.steepest(sign).0).collect();
+        steps.sort_by(f32::total_cmp);
+        steps.get(steps.len() / 2).copied().unwrap_or(0.0)
+    };
+    let sign = if usual(1.0) > usual(-1.0) { 1.0 } else { -1.0 };
+    let least = STEP_LEVELS_MIN.max(STEP_RATIO_MIN * usual(sign));
+    profiles.iter().filter_map(move |profile| {
+        let (step, index) = profile.steepest(sign);
+        (step >= least).then(|| EdgePoint { miss_px: profile.middle_px(sign, index), ..profile.point })
+    })
+}
+
+/// Grey level at a place, by straight lines between pixels; `None` off the picture.
+fn level(image: &GrayImage, place: Point2<f64>) -> Option<f32> {
+    let (width, height) = image.dimensions();
+    let inside = place.x >= 0.0 && place.y >= 0.0 && place.x < f64::from(width - 1) && place.y < f64::from(height - 1);
+    if !inside {
+        return None;
+    }
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the picture")]
+    let (column, row) = (place.x as u32, place.y as u32);
+    #[expect(clippy::cast_possible_truncation, reason = "a share of a pixel")]
+    let (across, down) = ((place.x - f64::from(column)) as f32, (place.y - f64::from(row)) as f32);
+    let at = |x: u32, y: u32| f32::from(image.get_pixel(column + x, row + y).0[0]);
+    let along = |y: u32| at(0, y) + across * (at(1, y) - at(0, y));
+    Some(along(0) + down * (along(1) - along(0)))
+}
