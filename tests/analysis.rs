@@ -269,7 +269,7 @@ fn the_learning_grid_keeps_its_bounds() {
     assert!(ramp < 10.0 && plateau < 2.0, "{lines:?}");
     let ratios: Vec<f64> =
         lines.last().unwrap().split(|c: char| !c.is_ascii_digit()).filter_map(|word| word.parse().ok()).collect();
-    assert!(ratios[0] >= 40.0 && ratios[1] >= 30.0, "{ratios:?}");
+    assert!(ratios[0] >= 40.0 && ratios[1] >= 15.0, "{ratios:?}");
 }
 
 #[test]

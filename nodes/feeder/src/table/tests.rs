@@ -83,7 +83,9 @@ fn stated(plan: &RunPlan) -> BTreeMap<String, Line> {
         let times =
             |owner: &str| if name.starts_with("/<") { 1 } else { kinds.iter().filter(|k| **k == owner).count() };
         let owners = facts.owners().iter().flat_map(|owner| vec![(*owner).to_owned(); times(owner)]);
-        let used_by = |kind: &&str| Some(((*kind).to_owned(), word(facts.latency_of(kind)?)));
+        // The selector hears compressed pictures in a run; raw ones are for cameras that send no others.
+        let is_heard_by = |kind: &str| !(name == topics::IMAGE_RAW.entry().name && kind == nodes::VISION_SELECTOR);
+        let used_by = |kind: &&str| is_heard_by(kind).then_some(((*kind).to_owned(), word(facts.latency_of(kind)?)));
         let (mut owners, users): (Vec<String>, _) = (owners.collect(), kinds.iter().filter_map(used_by).collect());
         owners.sort();
         for namespace in namespaces {
