@@ -148,7 +148,7 @@ fn a_load_and_a_move_are_got_over() {
 
 /// The motor as assumed with something else about it, by the name of the experiment.
 fn plant(name: &str) -> Plant {
-    plants(assumed_motor()).into_iter().find(|plant| plant.name == name).unwrap()
+    plants(assumed_motor()).into_iter().find(|plant| plant.name == name).unwrap_or_else(|| panic!("no motor {name}"))
 }
 
 #[test]
