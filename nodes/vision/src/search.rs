@@ -3,16 +3,12 @@
 
 use super::segment::{RELATIVE_UNITS, Segmentation};
 use super::sought::Sought;
+use super::template::RING_MISS_MAX;
 
 /// Every so many pixels both ways a place is tried.
 const STRIDE: usize = 2;
-/// A ring that misses by more standard deviations counts no more than this many.
-const MISS_SIGMAS_MAX: f32 = 3.0;
 /// Where more of a ring than this lies off the plateau, relative to what lies on it, the ring does not count.
 const RING_HIDDEN_MAX: f32 = 0.7;
-/// The largest mean square miss there can be.
-pub(super) const MISS_MAX: f32 = MISS_SIGMAS_MAX * MISS_SIGMAS_MAX;
-
 /// Weight of the rings that must be seen.
 const RING_WEIGHT_MIN: f32 = 0.3;
 
@@ -123,10 +119,10 @@ impl Search {
                     for (ring, sum) in rings.filter(|(_, sum)| sum.hidden <= RING_HIDDEN_MAX) {
                         let difference = sum.mean - ring.mean - ring.wall_shade * sum.wall_shade;
                         let variance = ring.variance + noise + ring.variance_along * sum.hidden;
-                        miss += ring.weight * (difference * difference / variance).min(MISS_MAX);
+                        miss += ring.weight * (difference * difference / variance).min(RING_MISS_MAX);
                         weight += ring.weight;
                     }
-                    misses[place] = if weight >= RING_WEIGHT_MIN { miss / weight } else { MISS_MAX };
+                    misses[place] = if weight >= RING_WEIGHT_MIN { miss / weight } else { RING_MISS_MAX };
                 }
             }
         }
@@ -153,7 +149,7 @@ impl Search {
         let near = |index: usize| (index / STRIDE).saturating_sub(1)..=index / STRIDE + 1;
         let columns = self.columns;
         let places = near(row).flat_map(|row| near(column).map(move |column| row * columns + column));
-        places.filter_map(|place| self.misses[pose].get(place)).copied().fold(MISS_MAX, f32::min)
+        places.filter_map(|place| self.misses[pose].get(place)).copied().fold(RING_MISS_MAX, f32::min)
     }
 
     /// Marks the cells within `spread` cells of foreground, and those within reach of the plateau's border.

@@ -16,7 +16,6 @@ use nalgebra::{Point2, Rotation2, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::search::MISS_MAX;
 use super::segment::{Plateau, RADIAL_BINS, TaughtLight};
 use feeder_model::camera::single;
 use feeder_model::range::OutOfRange;
@@ -33,6 +32,10 @@ const SLANT_UNIT: f64 = 0.1;
 const STORED_STEPS: f32 = 100.0;
 /// Largest side of a picture, texels.
 pub(super) const SIDE_MAX: usize = 161;
+/// A ring that misses by more standard deviations counts no more than this many.
+const RING_MISS_SIGMAS_MAX: f32 = 3.0;
+/// The largest mean square miss of rings that there can be.
+pub(super) const RING_MISS_MAX: f32 = RING_MISS_SIGMAS_MAX * RING_MISS_SIGMAS_MAX;
 
 /// A picture of small numbers, row by row.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -260,7 +263,7 @@ impl PoseTemplate {
         )?;
         let symmetry_ok = self.yaw_symmetry <= 360;
         OutOfRange::unless(symmetry_ok, "part_model.poses.yaw_symmetry", self.yaw_symmetry.into(), "0 to 360")?;
-        let miss_ok = (0.0..=MISS_MAX).contains(&self.ring_miss_max);
+        let miss_ok = (0.0..=RING_MISS_MAX).contains(&self.ring_miss_max);
         OutOfRange::unless(miss_ok, "part_model.poses.ring_miss_max", self.ring_miss_max.into(), "0 to 9")?;
         let miss_ok = (0.01..=16.0).contains(&self.miss_max);
         OutOfRange::unless(miss_ok, "part_model.poses.miss_max", self.miss_max.into(), "0.01 to 16")?;

@@ -27,6 +27,7 @@ mod rejection;
 mod report;
 mod response;
 mod safety;
+mod smoothstep;
 mod tolerance;
 mod trajectory;
 mod vibration;

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use super::fourier::Fourier;
 use super::learning::Instant;
+use super::smoothstep::smoothstep;
 use crate::courier::limits::Extent;
 use feeder_model::range::OutOfRange;
 use feeder_model::range::check_range;
@@ -111,12 +112,6 @@ impl Vibration {
         // Fading out begins only after fading in has ended, so one of the two rates is always zero.
         (rise - fall, rise_per_s - fall_per_s)
     }
-}
-
-/// The smoothstep 10 x³ − 15 x⁴ + 6 x⁵ of x = `time_s` / `duration_s`, 0 before and 1 after, and its derivative, 1/s.
-pub(crate) fn smoothstep(time_s: f64, duration_s: f64) -> (f64, f64) {
-    let x = (time_s / duration_s).clamp(0.0, 1.0);
-    (x * x * x * (10.0 + x * (6.0 * x - 15.0)), 30.0 * (x * (1.0 - x)).powi(2) / duration_s)
 }
 
 #[cfg(test)]

@@ -4,8 +4,8 @@ use super::super::SelectorConfig;
 use super::super::candidate::{self, EDGE_STRIP_PX};
 use super::super::detector::{Detector, Found};
 use super::super::hull::distance_m;
-use super::super::search::MISS_MAX;
 use super::super::template::PartModel;
+use super::super::template::RING_MISS_MAX;
 use super::{TeachError, TeachFrame, TeachSpec};
 use feeder_model::camera::{CameraModel, MountedTray, single};
 
@@ -64,7 +64,7 @@ impl Exam<'_> {
             }
         })?;
         for (pose, misses) in model.poses.iter_mut().zip(&mut misses) {
-            pose.ring_miss_max = (RING_ALLOWANCE_RATIO * p98(misses) + RING_ALLOWANCE).min(MISS_MAX);
+            pose.ring_miss_max = (RING_ALLOWANCE_RATIO * p98(misses) + RING_ALLOWANCE).min(RING_MISS_MAX);
         }
         Ok(())
     }

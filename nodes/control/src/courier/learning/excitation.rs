@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{Complex, Vector3};
 
 use super::super::fourier::basis;
-use super::super::vibration::smoothstep;
+use super::super::smoothstep::smoothstep;
 use super::plant::Seen;
 use super::projection::Projection;
 
