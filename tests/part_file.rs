@@ -1,6 +1,7 @@
 //! A part that the feeder does not know, by its file alone: with its own friction it is fed and carried without sliding,
 //! however the nodes are started.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -50,7 +51,14 @@ fn delivered_again_from_a_recording(friction: f64) {
     assert!(run.number("max_slip_m") < SLIP_M_MAX, "{}", run.summary());
     assert_eq!(run.summary()["wrong_pose_delivered"], 0, "{}", run.summary());
 
-    let again = output([Path::new("bag"), Path::new("rerun"), &bag]);
+    let domain = TestDomain::claim();
+    let again = output([
+        OsStr::new("bag"),
+        OsStr::new("rerun"),
+        bag.as_ref(),
+        OsStr::new("--domain"),
+        domain.id.to_string().as_ref(),
+    ]);
     let said = String::from_utf8_lossy(&again.stdout);
     assert!(again.status.success() && said.contains(" 0 differ"), "{said}{}", String::from_utf8_lossy(&again.stderr));
 }
