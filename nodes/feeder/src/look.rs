@@ -35,14 +35,14 @@ struct Line {
     /// Name of the file, as it was given.
     picture: String,
     /// Every part seen, the surest match first.
-    candidates: Vec<Seen>,
+    candidates: Vec<SeenPart>,
     /// What makes the picture doubtful, in words; nothing of a doubtful picture should be relied on.
     doubts: Vec<String>,
 }
 
 /// A part seen.
 #[derive(Debug, Serialize)]
-struct Seen {
+struct SeenPart {
     /// Name of its resting pose; nothing if that is not sure.
     pose: Option<String>,
     /// Place in the tray frame, m.
@@ -96,11 +96,7 @@ impl Eyes {
         let found = self.selector.detect(&image, tray)?;
         // As in a run, nothing that lies where it cannot be told to lie is to be picked.
         let calibration = self.calibration(&image, tray);
-        let candidates = found.iter().map(|candidate| Seen {
-            may_be_picked: calibration.is_ok() && self.selector.admits(candidate),
-            ..self.seen(candidate)
-        });
-        let candidates = candidates.collect();
+        let candidates = found.iter().map(|candidate| self.seen(candidate, calibration.is_ok())).collect();
         let doubts = match calibration {
             Ok(warning) => warning.map(|misalignment| misalignment.to_string()),
             Err(fault) => Some(fault.to_string()),
@@ -116,15 +112,15 @@ impl Eyes {
         Ok(Some(found).filter(|found| selector.calibration.warn_of(found)))
     }
 
-    fn seen(&self, candidate: &Candidate) -> Seen {
+    fn seen(&self, candidate: &Candidate, is_calibrated: bool) -> SeenPart {
         let geometry = &self.config.tray.geometry;
-        Seen {
+        SeenPart {
             pose: candidate.pose.and_then(|pose| self.config.poses.get(pose).cloned()),
             x_m: candidate.x_m,
             y_m: candidate.y_m,
             yaw_rad: candidate.yaw_rad,
             confidence: candidate.confidence,
-            may_be_picked: self.selector.admits(candidate),
+            may_be_picked: is_calibrated && self.selector.admits(candidate),
             free_gap_m: candidate.part_gap_m.min(geometry.outer_radius_m - geometry.inner_radius_m),
             wall_gap_m: candidate.wall_gap_m,
         }

@@ -108,8 +108,8 @@ pub fn load_untaught(file: Option<&Path>) -> Result<Scenario, LoadError> {
 /// # Errors
 /// As [`load`], and a model that cannot be read or was taught another part.
 pub fn load_with_model(file: Option<&Path>, model: Option<&Path>) -> Result<Scenario, LoadError> {
-    let text = read_text(file)?;
     let Some(model) = model else {
+        let text = read_text(file)?;
         return Scenario::read(&text, &mut beside(file)).map_err(|problem| invalid(file, problem));
     };
     let mut scenario = load_untaught(file)?;

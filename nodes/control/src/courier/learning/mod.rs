@@ -16,188 +16,27 @@ mod excitation;
 mod harmonic;
 mod lesson;
 mod mode;
+mod parameters;
 mod plant;
 mod projection;
+mod report;
 mod watch;
 
 use std::f64::consts::TAU;
-use std::fmt;
 
-use nalgebra::{Complex, Vector3};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-use thiserror::Error;
+use nalgebra::Vector3;
 
 use self::excitation::Excitation;
 use self::lesson::Lesson;
+pub use self::parameters::LearningParameters;
 use self::plant::{PlantEstimate, Seen};
+pub use self::report::{LearningPhase, LearningReport, LearningWarning, MeasuredResponse};
 use super::control::ControlParameters;
 use super::fourier::Fourier;
 use super::response::{LoopModel, PlantModel};
 use feeder_model::motor::Wrench;
 use feeder_model::range::OutOfRange;
-use feeder_model::range::{check_range, check_ranges};
 use feeder_model::waveform::Waveform;
-
-/// How waveforms are learned.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct LearningParameters {
-    /// Whether to learn at all. If so, the set point of a vibration is its waveform up to the cut-off.
-    pub enabled: bool,
-    /// Highest frequency of the set point and of what is learned, Hz; below half the servo rate.
-    pub cutoff_hz: f64,
-    /// Highest frequency learned on the two axes that do not vibrate, Hz: what couples into them is weak, and above it
-    /// less than the sensor's noise.
-    pub lateral_cutoff_hz: f64,
-    /// The delay of the loop as far as known, s; what it really is, is measured.
-    #[schemars(range(min = 0.0, max = 0.02))]
-    pub nominal_delay_s: f64,
-    /// The plant's lag as far as known, s; what it really is, is measured.
-    #[schemars(range(min = 0.0, max = 0.02))]
-    pub nominal_lag_s: f64,
-    /// By how much mass and inertia may differ from those of the limits, relative, one standard deviation.
-    #[schemars(range(min = 1e-3, max = 1.0))]
-    pub mass_spread: f64,
-    /// By how much delay and lag may each differ from the nominal ones, s, one standard deviation.
-    #[schemars(range(min = 1e-6, max = 0.01))]
-    pub delay_spread_s: f64,
-    /// Largest acceleration of translation commanded to measure the plant, m/s². Nothing may slide under it; 0: the plant is
-    /// measured by the waveform alone.
-    #[schemars(range(min = 0.0, max = 5.0))]
-    pub excitation_m_s2_max: f64,
-    /// The same of rotation, rad/s². The default is a third of what holds parts on the paper's ramp at 85 mm, so that they
-    /// stay even on a courier of half the inertia.
-    #[schemars(range(min = 0.0, max = 50.0))]
-    pub excitation_rad_s2_max: f64,
-}
-
-impl Default for LearningParameters {
-    fn default() -> Self {
-        Self {
-            enabled: false,
-            cutoff_hz: 930.0,
-            lateral_cutoff_hz: 450.0,
-            nominal_delay_s: 0.5e-3,
-            nominal_lag_s: 0.5e-3,
-            mass_spread: 0.4,
-            delay_spread_s: 0.5e-3,
-            excitation_m_s2_max: 0.4,
-            excitation_rad_s2_max: 4.0,
-        }
-    }
-}
-
-impl LearningParameters {
-    /// Highest frequency of a vibration's set point, Hz; without learning it follows its waveform exactly.
-    pub(crate) fn set_point_cutoff_hz(&self) -> Option<f64> {
-        self.enabled.then_some(self.cutoff_hz)
-    }
-
-    /// Checks every value; `servo_period_s` bounds the cut-off.
-    ///
-    /// # Errors
-    /// The first parameter that is not finite or out of range.
-    pub fn validate(&self, servo_period_s: f64) -> Result<(), OutOfRange> {
-        check_ranges("learning.", self)?;
-        // Closer to half the servo rate, force and position of the ticks say too little of each other.
-        let cutoff_hz_max = if self.enabled { 0.475 / servo_period_s } else { f64::MAX };
-        check_range("learning.cutoff_hz", self.cutoff_hz, 10.0, cutoff_hz_max)?;
-        check_range("learning.lateral_cutoff_hz", self.lateral_cutoff_hz, 0.0, cutoff_hz_max)
-    }
-}
-
-/// What the learner does.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum LearningPhase {
-    /// Nothing: no waveform runs, or learning is not enabled.
-    #[default]
-    Off,
-    /// It measures the plant by a weak excitation.
-    Measuring,
-    /// It learns, or keeps what it has learned up to date.
-    Learning,
-    /// It has given up: feedback alone follows the waveform.
-    GivenUp,
-}
-
-impl fmt::Display for LearningPhase {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Off => "off",
-            Self::Measuring => "measuring",
-            Self::Learning => "learning",
-            Self::GivenUp => "given up",
-        })
-    }
-}
-
-/// What the driver says of a waveform that it runs, but not as it should.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
-pub enum LearningWarning {
-    /// Learning did worse than feedback alone, or asked for more force than there is.
-    #[error(
-        "learning the waveform made it worse and was given up; with feedback alone the velocity is off by {:.0} %: \
-         parts are not fed as computed",
-        100.0 * velocity_error
-    )]
-    GivenUp {
-        /// Velocity off over velocity wanted, rms.
-        velocity_error: f64,
-    },
-    /// The courier does not follow closely enough.
-    #[error("the waveform is not followed, its velocity is off by {:.0} %: parts are not fed as computed", 100.0 * velocity_error)]
-    NotFollowed {
-        /// Velocity off over velocity wanted, rms.
-        velocity_error: f64,
-    },
-    /// The plant answers otherwise than a rigid courier.
-    #[error("the tray swings on its mounting near {frequency_hz:.0} Hz: parts may not be fed as computed")]
-    Resonance {
-        /// The frequency of the mode, Hz.
-        frequency_hz: f64,
-    },
-    /// Forces disturb the courier, or seem to, that no courier has to overcome.
-    #[error(
-        "to follow the waveform the courier seems to have to overcome {:.0} % of its own acceleration: the sensor may be out of \
-         calibration, and parts may not be fed as computed",
-        100.0 * share
-    )]
-    Implausible {
-        /// Acceleration that disturbances need, as a share of the waveform's own, rms.
-        share: f64,
-    },
-}
-
-/// What the learner reports.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LearningReport {
-    /// What it does.
-    pub phase: LearningPhase,
-    /// Velocity off over velocity wanted on the vibrating axis, rms over the last window; nothing before there is one.
-    pub velocity_error: Option<f64>,
-    /// What is wrong, if something is.
-    pub warning: Option<LearningWarning>,
-    /// Acceleration given over that commanded, as fitted.
-    pub gain: f64,
-    /// Time from a command to its first effect, as fitted, s.
-    pub delay_s: f64,
-    /// Time constant of the force, as fitted, s.
-    pub lag_s: f64,
-}
-
-/// How the plant answers at one frequency, as measured.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MeasuredResponse {
-    /// The frequency, Hz.
-    pub frequency_hz: f64,
-    /// Position per acceleration commanded, m per m/s² or rad per rad/s².
-    pub position: Complex<f64>,
-    /// Standard deviation of that, relative.
-    pub uncertainty: f64,
-    /// The answer of the rigid plant that was fitted.
-    pub rigid: Complex<f64>,
-}
 
 /// A vibration at one servo tick.
 #[derive(Clone, Copy, Debug)]
@@ -355,8 +194,7 @@ impl Learner {
         let LearningParameters { enabled, excitation_m_s2_max, excitation_rad_s2_max, .. } = self.parameters;
         let axis = vibration.axis;
         let peak = if axis < 2 { excitation_m_s2_max } else { excitation_rad_s2_max };
-        let is_measured = self.measured.as_ref().is_some_and(|measured| measured.axis == axis);
-        if !enabled || peak <= 0.0 || is_measured || disturbed {
+        if !enabled || peak <= 0.0 || self.is_measured(axis) || disturbed {
             self.excitation = None;
             return true;
         }
@@ -366,6 +204,11 @@ impl Learner {
             self.excitation = Some(Excitation::new(axis, fundamental_rad_s, orders, peak, self.period_s));
         }
         false
+    }
+
+    /// Whether an excitation has shown how the axis answers.
+    fn is_measured(&self, axis: usize) -> bool {
+        self.measured.as_ref().is_some_and(|measured| measured.axis == axis)
     }
 
     /// Ends an excitation that nobody waits for.
@@ -447,8 +290,7 @@ impl Learner {
             self.plants[axis].doubt_gain(Self::CHANGE);
             lesson.doubt(&before);
         }
-        let is_measured = self.measured.as_ref().is_some_and(|measured| measured.axis == axis);
-        let rounds = if is_measured || lesson.updates() > 0 { 1 } else { Self::ROUNDS };
+        let rounds = if self.is_measured(axis) || lesson.updates() > 0 { 1 } else { Self::ROUNDS };
         self.plants[axis].fit(&seen, rounds, self.period_s);
         let models = self.models(axis);
         lesson.rescale(&before[axis], &models[axis]);
