@@ -147,6 +147,21 @@ fn an_emergency_stop_brakes_hard_and_stays() {
 }
 
 #[test]
+fn a_fault_is_not_reset_before_the_courier_stands() {
+    let mut driver = assumed(FaultHooks::NONE);
+    driver.execute(1, &to(0.5, 0.3, 0.0)).unwrap();
+    run(&mut driver, 25);
+    driver.emergency_stop();
+    for _ in 0..3 {
+        driver.step(BLOCK);
+        assert!(driver.motor_mut().motion().1.x > 0.1);
+        assert_eq!(driver.reset_fault(), Err(Fault::EmergencyStop));
+    }
+    run(&mut driver, 50);
+    assert_eq!(driver.reset_fault(), Ok(()));
+}
+
+#[test]
 fn silence_stops_in_order_and_is_a_fault_afterwards() {
     for (commander, vibrates) in [(Commander::Generator, true), (Commander::Planner, false)] {
         let mut driver = assumed(FaultHooks::NONE);

@@ -222,6 +222,7 @@ impl DeliveryPlanner {
             look: delivered.choice.look,
             position_in_tray_m: candidate.position_in_tray_m,
             yaw_in_tray_rad: candidate.yaw_in_tray_rad,
+            pose_class: candidate.pose_class.clone(),
         });
         self.publish_delivery_state(io);
         self.tell_progress(io, id, Some(Duration::ZERO), Some(presented_part(delivered)));

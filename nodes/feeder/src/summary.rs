@@ -19,8 +19,10 @@ pub struct Summary {
     selected: usize,
     /// Parts picked.
     delivered: u32,
-    /// Parts picked that lay in another pose than the wanted one.
+    /// Parts picked that lay in another pose than they were presented in.
     wrong_pose_delivered: u32,
+    /// Parts picked whose slip could not be followed.
+    slips_unknown: u32,
     /// Largest displacement in the tray frame of a delivered part between settled and picked, m; null: not known.
     max_slip_m: Option<f64>,
     /// Parts picked per minute of simulated time.
@@ -187,8 +189,10 @@ impl Summary {
         let wall_s = wall.as_secs_f64();
         let delivered = progress.delivered();
         let rate = |count: f64, time_s: f64| if time_s > 0.0 { count / time_s } else { 0.0 };
-        let spent_s =
-            |activity| -> f64 { progress.feeders.iter().filter_map(|feeder| feeder.spent_s.get(&activity)).sum() };
+        // A sum of nothing is -0.
+        let spent_s = |activity| -> f64 {
+            progress.feeders.iter().filter_map(|feeder| feeder.spent_s.get(&activity)).sum::<f64>() + 0.0
+        };
         let per_delivery =
             Activity::OF_A_DELIVERY.map(|(activity, name)| (name, spent_s(activity) / f64::from(delivered)));
         let failed = OUTCOMES.iter().enumerate().filter_map(|(index, name)| {
@@ -201,6 +205,7 @@ impl Summary {
             selected: progress.selected(),
             delivered,
             wrong_pose_delivered: progress.sum(|feeder| feeder.wrong_pose_delivered),
+            slips_unknown: progress.sum(|feeder| feeder.slips_unknown),
             max_slip_m: progress.max_slip_m(),
             delivered_per_minute: rate(60.0 * f64::from(delivered), sim_s),
             per_delivery_s: (delivered > 0).then(|| per_delivery.into()),
@@ -242,6 +247,9 @@ impl fmt::Display for Summary {
         row("  of these in a wrong pose", self.wrong_pose_delivered.to_string())?;
         let slip = self.max_slip_m.map_or("not known".to_owned(), |slip_m| format!("{:.1} µm", slip_m * 1e6));
         row("largest slip of a delivered part", slip)?;
+        if self.slips_unknown > 0 {
+            row("  parts whose slip is not known", self.slips_unknown.to_string())?;
+        }
         row("parts delivered a minute", format!("{:.1}", self.delivered_per_minute))?;
         for (_, name) in Activity::OF_A_DELIVERY {
             if let Some(spent_s) = self.per_delivery_s.as_ref().and_then(|spent_s| spent_s.get(name)) {

@@ -5,6 +5,7 @@ mod feed;
 mod feeder;
 mod platen;
 mod progress;
+mod score;
 mod truth;
 mod whereabouts;
 
@@ -75,7 +76,7 @@ impl FeederNode for RunMonitor {
         }
         if let Some(shown) = &self.shown {
             self.progress.feeders.clear();
-            self.progress.feeders.extend(self.feeders.iter().map(|feeder| feeder.progress.clone()));
+            self.progress.feeders.extend(self.feeders.iter().map(|feeder| feeder.progress().clone()));
             shown.lock().unwrap_or_else(PoisonError::into_inner).clone_from(&self.progress);
         }
         if io.tick().is_multiple_of(PROGRESS_TICKS) {
@@ -83,7 +84,7 @@ impl FeederNode for RunMonitor {
                 feeder.publish(io);
             }
         }
-        let delivered: u32 = self.feeders.iter().map(|feeder| feeder.progress.delivered).sum();
+        let delivered: u32 = self.feeders.iter().map(|feeder| feeder.progress().delivered).sum();
         if self.goal_delivered.is_some_and(|goal| delivered >= goal) {
             io.reach_goal();
         }

@@ -27,16 +27,13 @@ impl Ports {
 /// Watches the platen.
 pub(crate) struct PlatenMonitor {
     ports: Ports,
-    feeders: Vec<String>,
-    footprint_radius_m: f64,
-    places_m: Vec<Option<Vector2<f64>>>,
-    leases: Option<Vec<(String, Area)>>,
+    score: PlatenScore,
 }
 
 impl PlatenMonitor {
     pub(crate) fn new(ports: Ports, config: &RunMonitorConfig) -> Self {
-        let feeders = config.feeders.clone();
-        Self { ports, places_m: Vec::new(), feeders, footprint_radius_m: config.footprint_radius_m, leases: None }
+        let (feeders, footprint_radius_m) = (config.feeders.clone(), config.footprint_radius_m);
+        Self { ports, score: PlatenScore { feeders, footprint_radius_m, leases: None } }
     }
 
     /// Watches the couriers, which stand there, in the order of the feeders.
@@ -46,19 +43,28 @@ impl PlatenMonitor {
         places_m: impl IntoIterator<Item = Option<Vector2<f64>>>,
         progress: &mut Progress,
     ) {
-        self.places_m.clear();
-        self.places_m.extend(places_m);
         if let Some(message) = io.take(&self.ports.leases).pop() {
             let leases = area::from_leases(&message).leases.into_iter();
-            self.leases = Some(leases.map(|lease| (lease.agent, lease.area)).collect());
+            self.score.leases = Some(leases.map(|lease| (lease.agent, lease.area)).collect());
         }
-        self.check_distances(progress);
-        self.check_areas(progress);
+        let places_m: Vec<_> = places_m.into_iter().collect();
+        self.score.check_distances(&places_m, progress);
+        self.score.check_areas(&places_m, progress);
     }
+}
 
-    fn check_distances(&self, progress: &mut Progress) {
-        for (index, first) in self.places_m.iter().enumerate() {
-            for second in &self.places_m[..index] {
+/// Scores a shared platen.
+struct PlatenScore {
+    feeders: Vec<String>,
+    footprint_radius_m: f64,
+    /// Agents and the areas leased to them, once somebody has told.
+    leases: Option<Vec<(String, Area)>>,
+}
+
+impl PlatenScore {
+    fn check_distances(&self, places_m: &[Option<Vector2<f64>>], progress: &mut Progress) {
+        for (index, first) in places_m.iter().enumerate() {
+            for second in &places_m[..index] {
                 let (Some(first), Some(second)) = (first, second) else { continue };
                 let distance_m = (first - second).norm();
                 progress.couriers_closest_m =
@@ -68,9 +74,9 @@ impl PlatenMonitor {
         }
     }
 
-    fn check_areas(&self, progress: &mut Progress) {
+    fn check_areas(&self, places_m: &[Option<Vector2<f64>>], progress: &mut Progress) {
         let Some(leases) = &self.leases else { return };
-        for (feeder, place_m) in self.feeders.iter().zip(&self.places_m) {
+        for (feeder, place_m) in self.feeders.iter().zip(places_m) {
             let Some(place_m) = place_m else { continue };
             let mut leased = leases.iter().filter(|(agent, _)| agent == feeder).peekable();
             // Before its first lease a courier rests where it was put.
@@ -78,5 +84,48 @@ impl PlatenMonitor {
             let inside = leased.any(|(_, area)| area.excess_m(place_m, self.footprint_radius_m) <= SLACK_M);
             progress.out_of_area += u32::from(has_any && !inside);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn score(leases: Option<Vec<(String, Area)>>) -> PlatenScore {
+        PlatenScore { feeders: vec!["west".to_owned(), "east".to_owned()], footprint_radius_m: 0.1, leases }
+    }
+
+    fn at(x_m: f64) -> Option<Vector2<f64>> {
+        Some(Vector2::new(x_m, 0.0))
+    }
+
+    #[test]
+    fn couriers_nearer_than_their_footprints_collide_in_each_tick() {
+        let (score, mut progress) = (score(None), Progress::default());
+        score.check_distances(&[at(0.0), None], &mut progress);
+        assert_eq!((progress.couriers_closest_m, progress.collisions), (None, 0));
+        score.check_distances(&[at(0.0), at(0.25)], &mut progress);
+        assert_eq!((progress.couriers_closest_m, progress.collisions), (Some(0.25), 0));
+        score.check_distances(&[at(0.0), at(0.125)], &mut progress);
+        score.check_distances(&[at(0.0), at(0.1875)], &mut progress);
+        assert_eq!((progress.couriers_closest_m, progress.collisions), (Some(0.125), 2));
+    }
+
+    #[test]
+    fn a_courier_that_reaches_out_of_its_own_areas_is_out() {
+        let home = |agent: &str, x_m: f64| (agent.to_owned(), Area::disc(Vector2::new(x_m, 0.0), 0.15));
+        let out_of = |score: &PlatenScore, west_m: f64, east_m: f64| {
+            let mut progress = Progress::default();
+            score.check_areas(&[at(west_m), at(east_m)], &mut progress);
+            progress.out_of_area
+        };
+        let both = score(Some(vec![home("west", 0.0), home("east", 1.0), home("east", 1.2)]));
+        assert_eq!(out_of(&both, 0.049, 1.0), 0);
+        assert_eq!(out_of(&both, 0.051, 1.2), 1);
+        // Another's area does not count.
+        assert_eq!(out_of(&both, 1.0, 0.0), 2);
+        // Who was never leased anything rests where it was put.
+        assert_eq!(out_of(&score(Some(vec![home("west", 0.0)])), 0.0, 7.0), 0);
+        assert_eq!(out_of(&score(None), 7.0, 7.0), 0);
     }
 }

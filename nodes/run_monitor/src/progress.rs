@@ -56,7 +56,7 @@ pub struct FeederProgress {
     pub selected: BTreeSet<u32>,
     /// Parts picked.
     pub delivered: u32,
-    /// Parts picked in another pose than the wanted one.
+    /// Parts picked in another pose than they were presented in.
     pub wrong_pose_delivered: u32,
     /// Largest displacement in the tray frame of a delivered part between settled and picked, m; nothing while none was
     /// followed.

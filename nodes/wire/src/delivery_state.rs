@@ -33,7 +33,7 @@ numbered! {
 }
 
 /// A part that was chosen.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ChosenPart {
     /// Stamp of the image on which the choice rests, after the start of the run's clock.
     pub look: Duration,
@@ -41,6 +41,8 @@ pub struct ChosenPart {
     pub position_in_tray_m: Vector2<f64>,
     /// How it is turned in the tray frame, rad.
     pub yaw_in_tray_rad: f64,
+    /// Its resting pose as the selector saw it, if that is known.
+    pub pose_class: Option<String>,
 }
 
 /// Where the planner stands, and counts since the start.
@@ -95,10 +97,11 @@ pub fn to_message(stand: &PlannerStand) -> DeliveryState {
         failed_by_outcome: stand.failed_by_outcome,
         ..DeliveryState::default()
     };
-    if let Some(ChosenPart { look, position_in_tray_m, yaw_in_tray_rad }) = stand.chosen {
-        message.look_stamp = stamp_of(look);
+    if let Some(ChosenPart { look, position_in_tray_m, yaw_in_tray_rad, pose_class }) = &stand.chosen {
+        message.look_stamp = stamp_of(*look);
+        message.pose_class = pose_class.clone().unwrap_or_default();
         let (x_m, y_m) = (position_in_tray_m.x, position_in_tray_m.y);
-        message.part_in_tray = pose::to_message(&UprightPose { x_m, y_m, z_m: 0.0, yaw_rad: yaw_in_tray_rad });
+        message.part_in_tray = pose::to_message(&UprightPose { x_m, y_m, z_m: 0.0, yaw_rad: *yaw_in_tray_rad });
     }
     message
 }
@@ -111,7 +114,12 @@ pub fn from_message(message: DeliveryState) -> Result<PlannerStand, UnknownNumbe
     let stated = |text: String| Some(text).filter(|text| !text.is_empty());
     let UprightPose { x_m, y_m, yaw_rad, .. } = pose::from_message(&message.part_in_tray);
     let look = Duration::from_nanos(ns_of_stamp(&message.look_stamp));
-    let chosen = ChosenPart { look, position_in_tray_m: Vector2::new(x_m, y_m), yaw_in_tray_rad: yaw_rad };
+    let chosen = ChosenPart {
+        look,
+        position_in_tray_m: Vector2::new(x_m, y_m),
+        yaw_in_tray_rad: yaw_rad,
+        pose_class: stated(message.pose_class),
+    };
     Ok(PlannerStand {
         phase: phase_of(message.phase)?,
         delivery_id: stated(message.delivery_id),
@@ -136,13 +144,14 @@ mod tests {
             look: Duration::from_millis(12_080),
             position_in_tray_m: Vector2::new(0.03, -0.06),
             yaw_in_tray_rad: 0.5,
+            pose_class: Some("face_up".to_owned()),
         };
         for phase in phases {
             let sent = PlannerStand {
                 phase,
                 delivery_id: Some("delivery_3".to_owned()),
                 station: Some("station_2".to_owned()),
-                chosen: Some(chosen),
+                chosen: Some(chosen.clone()),
                 fault: Some("the tray is full of soup".to_owned()),
                 accepted: 30,
                 delivered: 7,

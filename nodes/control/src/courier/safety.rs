@@ -258,12 +258,99 @@ impl Supervisor {
 mod tests {
     use super::*;
 
+    const PERIOD_S: f64 = 0.5e-3;
+
+    fn supervisor() -> Supervisor {
+        Supervisor::new(SafetyParameters::default(), CourierLimits::default(), PERIOD_S)
+    }
+
+    fn at_rest() -> Seen {
+        Seen { measured: Some(Vector3::zeros()), set_point: Vector3::zeros(), velocity: Vector3::zeros() }
+    }
+
+    #[test]
+    fn the_tracking_error_counts_on_every_axis_and_to_either_side() {
+        let SafetyParameters { tracking_error_m_max: m, tracking_error_rad_max: rad, .. } = SafetyParameters::default();
+        for (axis, allowed) in [(0, m), (1, m), (2, rad)] {
+            for side in [-1.0, 1.0] {
+                let off = |share: f64| {
+                    let mut set_point = Vector3::zeros();
+                    set_point[axis] = side * share * allowed;
+                    supervisor().watch(&Seen { set_point, ..at_rest() })
+                };
+                assert_eq!(off(0.99), None);
+                let fault = off(1.01);
+                assert!(matches!(fault, Some(Fault::TrackingError { axis: found, .. }) if found == axis), "{fault:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_envelope_has_bounds_of_place_yaw_tether_and_speed() {
+        let limits = CourierLimits { tether_anchor_m: [0.0, 0.8], tether_length_m: 0.8, ..CourierLimits::default() };
+        let found = |measured: Vector3<f64>, velocity: Vector3<f64>| {
+            let mut supervisor = Supervisor::new(SafetyParameters::default(), limits, PERIOD_S);
+            match supervisor.watch(&Seen { measured: Some(measured), set_point: measured, velocity }) {
+                Some(Fault::LeftEnvelope { quantity, .. }) => Some(quantity),
+                other => other.map(|fault| panic!("{fault:?}")),
+            }
+        };
+        let (centre, still) = (Vector3::zeros(), Vector3::zeros());
+        let margin_m = SafetyParameters::default().position_margin_m;
+        assert_eq!(found(centre, still), None);
+        let away = |m: f64| Vector3::new(0.0, -m, 0.0);
+        assert_eq!(found(away(0.9 * margin_m), still), None);
+        assert_eq!(found(away(1.1 * margin_m), still), Some("distance from the tether's anchor (m)"));
+        let yaw = |rad: f64| Vector3::new(0.0, 0.0, rad);
+        let yaw_rad = limits.position_max().z + SafetyParameters::default().yaw_margin_rad;
+        assert_eq!(found(yaw(0.99 * yaw_rad), still), None);
+        assert_eq!(found(yaw(1.01 * yaw_rad), still), Some("courier_yaw"));
+        let fast_m_s = limits.speed_m_s_max * (1.0 + SafetyParameters::default().speed_margin);
+        for direction in [Vector3::new(0.6, 0.8, 0.0), Vector3::new(-1.0, 0.0, 0.0)] {
+            assert_eq!(found(centre, direction * (0.99 * fast_m_s)), None);
+            assert_eq!(found(centre, direction * (1.01 * fast_m_s)), Some("speed (m/s)"));
+        }
+    }
+
+    #[test]
+    fn force_cut_for_too_long_is_a_fault_and_a_tick_in_full_begins_anew() {
+        let ticks = (SafetyParameters::default().saturation_s_max / PERIOD_S).round() as u32;
+        let mut supervisor = supervisor();
+        for _ in 0..2 {
+            for _ in 0..ticks {
+                supervisor.note_given(false);
+                assert_eq!(supervisor.watch(&at_rest()), None);
+            }
+            supervisor.note_given(true);
+        }
+        let fault = (0..=ticks).find_map(|_| {
+            supervisor.note_given(false);
+            supervisor.watch(&at_rest())
+        });
+        assert!(matches!(fault, Some(Fault::Saturated { .. })), "{fault:?}");
+    }
+
+    #[test]
+    fn a_blind_sensor_is_a_fault_after_a_while_and_a_number_begins_anew() {
+        let ticks = (SafetyParameters::default().sensor_silence_s_max / PERIOD_S).round() as u32;
+        let blind = Seen { measured: None, ..at_rest() };
+        let mut supervisor = supervisor();
+        for _ in 0..3 {
+            assert!((0..ticks).all(|_| supervisor.watch(&blind).is_none()));
+            assert_eq!(supervisor.watch(&at_rest()), None);
+        }
+        assert!((0..ticks).all(|_| supervisor.watch(&blind).is_none()));
+        assert_eq!(supervisor.watch(&blind), Some(Fault::SensorLost));
+        // What led to the fault is forgotten with it.
+        supervisor.reset();
+        assert_eq!(supervisor.watch(&blind), None);
+    }
+
     #[test]
     fn force_cut_in_too_many_ticks_of_a_second_is_a_fault_although_never_for_long() {
         let share_of = |every: u32| {
-            let mut supervisor = Supervisor::new(SafetyParameters::default(), CourierLimits::default(), 0.5e-3);
-            let seen =
-                Seen { measured: Some(Vector3::zeros()), set_point: Vector3::zeros(), velocity: Vector3::zeros() };
+            let mut supervisor = supervisor();
+            let seen = at_rest();
             (0..2001).find_map(|tick| {
                 supervisor.note_given(tick % every != 0);
                 supervisor.watch(&seen)

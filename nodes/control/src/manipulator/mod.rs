@@ -333,6 +333,45 @@ mod tests {
     }
 
     #[test]
+    fn the_tolerance_is_the_one_configured() {
+        let tolerance_m = ManipulatorConfig::default().tolerance_m;
+        for (share, is_taken) in [(0.99, true), (1.01, false)] {
+            let mut manipulator = manipulator(ManipulatorConfig::default());
+            manipulator.step(0.0, &[]);
+            let refused = !manipulator.step(0.1, &[presented(share * tolerance_m)]).is_empty();
+            assert_eq!(refused, !is_taken);
+        }
+    }
+
+    #[test]
+    fn the_gripper_closes_when_height_and_rotation_have_both_arrived() {
+        let slow = AxisSpeed { speed_max: 0.5, acceleration_max: 5.0 };
+        let defaults = ManipulatorConfig::default();
+        let low = AxisSpeed { speed_max: 0.005, ..defaults.z };
+        for config in [ManipulatorConfig { theta: slow, ..defaults }, ManipulatorConfig { z: low, ..defaults }] {
+            let mut manipulator = manipulator(config);
+            let mut now_s = 0.0;
+            manipulator.step(now_s, &[]);
+            manipulator.step(now_s, &[presented(0.0)]);
+            let grip = until_action(&mut manipulator, &mut now_s);
+            assert_eq!(grip, Action::Grip { x_m: 0.0, y_m: 0.0, z_m: 0.0, theta_rad: 1.0 });
+        }
+    }
+
+    #[test]
+    fn the_feeder_is_released_when_the_tool_is_up() {
+        let mut manipulator = manipulator(ManipulatorConfig::default());
+        let mut now_s = 0.0;
+        manipulator.step(now_s, &[]);
+        manipulator.step(now_s, &[presented(0.0)]);
+        until_action(&mut manipulator, &mut now_s);
+        manipulator.step(now_s, &[Event::Gripped(Ok(()))]);
+        assert_eq!(until_action(&mut manipulator, &mut now_s), Action::Release { delivery_id: "d1".into() });
+        let [(z_m, speed_m_s), _] = manipulator.joints(now_s);
+        assert_eq!((z_m, speed_m_s), (ManipulatorConfig::default().travel_height_m, 0.0));
+    }
+
+    #[test]
     fn picks_miss_and_fail_as_often_and_as_far_as_configured() {
         let config = ManipulatorConfig { pick_error_m: 2e-4, pick_failure_probability: 0.25, ..Default::default() };
         let mut manipulator = manipulator(config);

@@ -113,6 +113,40 @@ fn what_can_lead_to_no_good_is_refused_at_once_and_by_name() {
     assert!("nonsense".parse::<LeaseId>().is_err());
 }
 
+#[test]
+fn who_overlaps_only_somebody_who_waits_does_not_overtake_him() {
+    let mut arbiter = Arbiter::default();
+    let west = line((-2.0, 0.0), (-1.0, 0.0));
+    let both = line((-2.0, 0.0), (2.0, 0.0));
+    let east = line((1.0, 0.0), (2.0, 0.0));
+    let lease = granted(&ask(&mut arbiter, seconds(0), 1, trip("a", west)), 1).unwrap();
+    assert!(ask(&mut arbiter, seconds(1), 2, trip("b", both)).is_empty());
+    assert!(ask(&mut arbiter, seconds(2), 3, trip("c", east)).is_empty());
+    arbiter.release("a", lease).unwrap();
+    let answers = arbiter.step(seconds(3));
+    assert!(granted(&answers, 2).is_some() && granted(&answers, 3).is_none());
+}
+
+#[test]
+fn nobody_renews_or_ends_the_lease_of_another() {
+    let mut arbiter = Arbiter::default();
+    let lease = granted(&ask(&mut arbiter, seconds(0), 1, trip("a", line(EAST.0, EAST.1))), 1).unwrap();
+    assert!(arbiter.renew(seconds(1), "b", lease, seconds(100)).is_err());
+    assert!(arbiter.release("b", lease).is_err());
+    assert_eq!(arbiter.leases()[&lease].expires, seconds(10));
+}
+
+#[test]
+fn as_many_wait_as_may_and_the_next_is_told_so() {
+    let mut arbiter = Arbiter::default();
+    ask(&mut arbiter, seconds(0), 0, trip("a", line(EAST.0, EAST.1)));
+    for ticket in 1..=Arbiter::WAITING_MAX as u64 {
+        assert!(ask(&mut arbiter, seconds(1), ticket, trip("b", line(NORTH.0, NORTH.1))).is_empty(), "{ticket}");
+    }
+    let one_more = ask(&mut arbiter, seconds(1), 1000, trip("b", line(NORTH.0, NORTH.1)));
+    assert_eq!(one_more, [(1000, Err(Refusal::Full { waiting: Arbiter::WAITING_MAX }))]);
+}
+
 proptest! {
     /// Agents that park apart and make trips wherever they like: leases never overlap, every request is answered, and
     /// as soon as nobody holds a trip any more nobody waits.

@@ -3,6 +3,7 @@
 
 mod arbiter;
 mod moves;
+mod rules;
 mod sequences;
 mod shared_platen;
 mod world;

@@ -1,0 +1,243 @@
+//! The sequencer's rules one by one, with reports made by hand: what it must not act on, and when.
+
+use std::time::Duration;
+
+use feeder_control::courier::CourierLimits;
+use feeder_control::delivery::{
+    CandidateFrame, CourierReport, Delivered, DeliveryConfig, DeliveryId, DeliverySequencer, Failure, HandOver, MoveId,
+    OfferedPart, Output, Refusal, Stamp, Warning,
+};
+use feeder_model::motor::Load;
+use feeder_model::part::Refusals;
+use feeder_model::tray::TrayGeometry;
+use nalgebra::{Vector2, Vector3};
+
+use crate::world::{asking, config};
+
+/// Where the parts lie in the tray, and where the courier stands to bring them under the station `right`.
+const PART_M: [f64; 2] = [0.0, -0.07];
+const STAND: [f64; 3] = [0.3, 0.17, 0.0];
+
+fn at(s: f64) -> Stamp {
+    Duration::from_secs_f64(s)
+}
+
+/// A sequencer with one request, whose courier is at rest at the feeding place from 1 s on.
+struct ByHand {
+    sequencer: DeliverySequencer,
+    id: DeliveryId,
+}
+
+impl ByHand {
+    fn new(config: DeliveryConfig, tolerance_m: f64, timeout: Option<Duration>) -> Self {
+        let (tray, limits) = (TrayGeometry::PAPER, CourierLimits::default());
+        let mut sequencer = DeliverySequencer::new(config, tray, limits, Load::default()).unwrap();
+        let mut request = asking("right", tolerance_m);
+        request.timeout = timeout;
+        let id = sequencer.request(at(0.5), request).unwrap();
+        let mut this = Self { sequencer, id };
+        this.home(1.0, false);
+        this.step(1.0);
+        this
+    }
+
+    /// The courier says where it is and whether it moves.
+    fn courier(&mut self, s: f64, position: Vector3<f64>, moving: bool) {
+        self.sequencer.courier(CourierReport { stamp: at(s), position, vibrating: false, moving });
+    }
+
+    /// The same of the feeding place.
+    fn home(&mut self, s: f64, moving: bool) {
+        self.courier(s, config().feeding_place, moving);
+    }
+
+    /// A picture shows parts at these places, m.
+    fn see(&mut self, s: f64, places_m: &[[f64; 2]]) {
+        let candidates = (1..).zip(places_m).map(|(id, &place_m)| OfferedPart {
+            id,
+            position_in_tray_m: place_m.into(),
+            yaw_in_tray_rad: 0.0,
+            part_class: "washer".into(),
+            pose_class: Some("face_up".into()),
+            radius_m: 0.0025,
+            part_gap_m: 0.01,
+            refusals: Refusals::default(),
+        });
+        self.sequencer.candidates(CandidateFrame { stamp: at(s), candidates: candidates.collect() });
+    }
+
+    fn step(&mut self, s: f64) -> Vec<Output> {
+        self.sequencer.step(at(s))
+    }
+
+    /// Whether a move begins.
+    fn departs(&mut self, s: f64) -> Option<MoveId> {
+        self.step(s).into_iter().find_map(|output| match output {
+            Output::Move(id, _) => Some(id),
+            _ => None,
+        })
+    }
+
+    fn presents(&mut self, s: f64) -> Option<Delivered> {
+        self.step(s).into_iter().find_map(|output| match output {
+            Output::Presented(_, delivered) => Some(delivered),
+            _ => None,
+        })
+    }
+
+    /// How a delivery ended, and the warnings given.
+    fn ends(&mut self, s: f64) -> (Option<Result<(), Failure>>, Vec<Warning>) {
+        let (mut end, mut warnings) = (None, Vec::new());
+        for output in self.step(s) {
+            match output {
+                Output::Finished(_, result) => end = Some(result.map(|_| ())),
+                Output::Warning(warning) => warnings.push(warning),
+                _ => {}
+            }
+        }
+        (end, warnings)
+    }
+
+    /// On the way to the station since 1.1 s.
+    fn departed(config: DeliveryConfig, tolerance_m: f64, timeout: Option<Duration>) -> (Self, MoveId) {
+        let mut this = Self::new(config, tolerance_m, timeout);
+        this.step(1.06);
+        this.see(1.08, &[PART_M]);
+        let id = this.departs(1.1).unwrap();
+        (this, id)
+    }
+
+    /// The courier has arrived at 2 s, so far off along x, m.
+    fn arrived(config: DeliveryConfig, tolerance_m: f64, timeout: Option<Duration>, off_m: f64) -> Self {
+        let (mut this, id) = Self::departed(config, tolerance_m, timeout);
+        this.sequencer.move_ended(id, Ok(()));
+        this.courier(2.0, Vector3::from(STAND) + Vector3::x() * off_m, false);
+        this
+    }
+}
+
+#[test]
+fn parts_are_chosen_from_a_picture_taken_after_they_settled() {
+    let mut hand = ByHand::new(config(), 0.5e-3, None);
+    assert!((config().settle_s - 0.05).abs() < 1e-12);
+    hand.see(1.02, &[PART_M]);
+    assert_eq!(hand.departs(1.03), None);
+    assert_eq!(hand.departs(1.06), None);
+    hand.see(1.05, &[PART_M]);
+    assert!(hand.departs(1.07).is_some());
+}
+
+#[test]
+fn a_courier_that_moves_again_during_the_look_is_looked_at_anew() {
+    let mut hand = ByHand::new(config(), 0.5e-3, None);
+    assert_eq!(hand.departs(1.06), None);
+    hand.home(1.06, true);
+    hand.home(1.07, false);
+    hand.see(1.08, &[PART_M]);
+    assert_eq!(hand.departs(1.09), None);
+    hand.home(1.10, false);
+    assert_eq!(hand.departs(1.13), None);
+    hand.see(1.12, &[PART_M]);
+    assert!(hand.departs(1.14).is_some());
+}
+
+#[test]
+fn what_comes_late_and_is_older_is_passed_over() {
+    let mut hand = ByHand::new(config(), 0.5e-3, None);
+    hand.step(1.06);
+    hand.see(1.20, &[]);
+    hand.see(1.10, &[PART_M]);
+    assert_eq!(hand.departs(1.21), None);
+    let mut hand = ByHand::new(config(), 0.5e-3, None);
+    hand.step(1.06);
+    hand.home(1.20, false);
+    hand.home(1.10, true);
+    hand.see(1.15, &[PART_M]);
+    assert!(hand.departs(1.21).is_some());
+}
+
+#[test]
+fn a_part_is_presented_when_the_move_has_ended_and_the_courier_rests() {
+    let (mut hand, id) = ByHand::departed(config(), 0.5e-3, None);
+    hand.courier(1.9, STAND.into(), false);
+    assert_eq!(hand.presents(1.9), None);
+    hand.sequencer.move_ended(MoveId(id.0 + 1), Ok(()));
+    assert_eq!(hand.presents(1.91), None);
+    hand.sequencer.move_ended(id, Ok(()));
+    hand.courier(1.95, STAND.into(), true);
+    assert_eq!(hand.presents(1.95), None);
+    hand.courier(2.0, STAND.into(), false);
+    assert!(hand.presents(2.0).is_some());
+}
+
+#[test]
+fn a_part_beside_the_tool_by_more_than_the_request_allows_is_not_presented() {
+    let mut hand = ByHand::arrived(config(), 0.7e-3, None, 0.6e-3);
+    let offset_m = hand.presents(2.0).unwrap().part_in_station_m;
+    assert!((offset_m - Vector2::new(0.6e-3, 0.0)).norm() < 1e-9, "{offset_m}");
+    for off_m in [0.6e-3, -0.6e-3] {
+        let mut hand = ByHand::arrived(config(), 0.5e-3, None, off_m);
+        assert_eq!(hand.presents(2.0), None);
+        assert_eq!(hand.ends(10.0).0, Some(Err(Failure::DidNotArrive)));
+    }
+}
+
+#[test]
+fn a_station_that_a_camera_sees_is_looked_at_anew_and_the_part_presented_where_it_lies_now() {
+    let rechecked = || DeliveryConfig { rechecked_stations: ["right".to_owned()].into(), ..config() };
+    let mut hand = ByHand::arrived(rechecked(), 0.5e-3, None, 0.0);
+    assert_eq!(hand.presents(2.0), None);
+    // Taken on the way.
+    hand.see(1.9, &[PART_M]);
+    assert_eq!(hand.presents(2.05), None);
+    let slipped_m = [PART_M[0] + 0.3e-3, PART_M[1]];
+    hand.see(2.1, &[slipped_m]);
+    let delivered = hand.presents(2.11).unwrap();
+    assert_eq!(delivered.choice.candidate.position_in_tray_m, Vector2::from(slipped_m));
+    assert!((delivered.part_in_station_m - Vector2::new(0.3e-3, 0.0)).norm() < 1e-9);
+    // Farther than the request allows it is another part, or lost.
+    let mut hand = ByHand::arrived(rechecked(), 0.5e-3, None, 0.0);
+    hand.step(2.0);
+    hand.see(2.1, &[[PART_M[0] + 0.6e-3, PART_M[1]]]);
+    assert!(matches!(hand.ends(2.11).0, Some(Err(Failure::PartLost(reason))) if reason.contains("0.60 mm")));
+}
+
+#[test]
+fn a_hand_over_is_reported_by_the_name_of_its_own_delivery() {
+    let mut hand = ByHand::arrived(config(), 0.5e-3, None, 0.0);
+    let other = hand.sequencer.request(at(2.0), asking("left", 0.5e-3)).unwrap();
+    assert!(hand.presents(2.0).is_some());
+    assert_eq!(hand.sequencer.report_hand_over(other, HandOver::Taken), Err(Refusal::NotPresented(other)));
+    assert_eq!(hand.sequencer.report_hand_over(hand.id, HandOver::Taken), Ok(()));
+    assert_eq!(hand.sequencer.report_hand_over(other, HandOver::Released), Err(Refusal::NotPresented(other)));
+}
+
+#[test]
+fn a_part_under_the_tool_is_not_taken_away_when_the_requests_time_is_over() {
+    let mut hand = ByHand::arrived(config(), 0.5e-3, Some(Duration::from_secs(5)), 0.0);
+    assert!(hand.presents(2.0).is_some());
+    assert_eq!(hand.ends(6.0).0, None);
+    hand.sequencer.report_hand_over(hand.id, HandOver::Taken).unwrap();
+    assert_eq!(hand.ends(7.0).0, None);
+    hand.sequencer.report_hand_over(hand.id, HandOver::Released).unwrap();
+    assert_eq!(hand.ends(8.0).0, Some(Ok(())));
+}
+
+#[test]
+fn each_report_of_a_hand_over_has_a_time_of_its_own() {
+    let timeout_s = config().hand_over_timeout_s;
+    let mut hand = ByHand::arrived(config(), 0.5e-3, None, 0.0);
+    assert!(hand.presents(2.0).is_some());
+    let taken_s = 2.0 + timeout_s - 0.1;
+    hand.sequencer.report_hand_over(hand.id, HandOver::Taken).unwrap();
+    assert_eq!(hand.ends(taken_s), (None, vec![]));
+    let released_s = taken_s + timeout_s - 0.1;
+    assert_eq!(hand.ends(released_s), (None, vec![]));
+    hand.sequencer.report_hand_over(hand.id, HandOver::Released).unwrap();
+    assert_eq!(hand.ends(released_s), (Some(Ok(())), vec![]));
+    // Nobody waits for ever for the first.
+    let mut hand = ByHand::arrived(config(), 0.5e-3, None, 0.0);
+    hand.presents(2.0);
+    assert_eq!(hand.ends(2.0 + timeout_s - 0.1).0, None);
+    assert_eq!(hand.ends(2.0 + timeout_s).0, Some(Err(Failure::NoHandOver)));
+}
