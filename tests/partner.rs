@@ -33,7 +33,7 @@ fn an_agent_without_our_crates_takes_parts_and_learns_why_not() {
     let pose = part.wanted_pose_names().next().unwrap();
     let report: Value = run.seen_by("partner_agent.py", PATIENCE, &["--pose", pose]);
 
-    assert_eq!(report["version"], "2.0");
+    assert_eq!(report["version"], "3.0");
     assert_eq!(report["stations"], json!(["station_1"]));
     for (what, accepted) in report["refused"].as_object().unwrap() {
         assert_eq!(accepted, false, "{what} was accepted");

@@ -16,7 +16,7 @@ from cyclonedds.idl.types import array, float64, int8, int64, sequence, uint8, u
 
 from ros import LATCHED, RELIABLE, Header, Peer, Service, Time
 
-PROTOCOL_MAJOR = 2
+PROTOCOL_MAJOR = 3
 MOVING, PRESENTED = 4, 5
 TAKEN, NOT_TAKEN, RELEASED = 0, 1, 2
 

@@ -167,7 +167,7 @@ mod tests {
 
     fn config() -> RunMonitorConfig {
         let plan = Scenario::default().plan().unwrap();
-        plan.nodes.iter().find_map(|node| RunMonitorConfig::of(&node.config).cloned()).unwrap()
+        plan.nodes.iter().find_map(|node| RunMonitorConfig::of(&node.node).cloned()).unwrap()
     }
 
     fn score() -> FeederScore {

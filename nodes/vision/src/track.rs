@@ -309,3 +309,129 @@ impl Tracker {
         tracked
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    const FRAME_S: f64 = 0.1;
+
+    fn at(x_m: f64) -> Candidate {
+        Candidate {
+            x_m,
+            y_m: -0.06,
+            yaw_rad: None,
+            likeness: 0,
+            pose: Some(0),
+            confidence: 0.95,
+            part_gap_m: 0.004,
+            wall_gap_m: 0.02,
+            on_plateau: true,
+        }
+    }
+
+    fn turned(yaw_rad: f64) -> Candidate {
+        Candidate { yaw_rad: Some(yaw_rad), ..at(0.0) }
+    }
+
+    fn tracker(symmetry: u32) -> Tracker {
+        Tracker::new(TrackerConfig::default(), vec![symmetry; 2])
+    }
+
+    /// Shows one thing, or nothing, a frame after the other; gives what is tracked in the last.
+    fn show(tracker: &mut Tracker, first: u32, frames: &[Option<Candidate>]) -> Vec<TrackedCandidate> {
+        let mut tracked = Vec::new();
+        for (index, shown) in (first..).zip(frames) {
+            tracked = tracker.update(f64::from(index) * FRAME_S, shown.as_slice());
+        }
+        tracked
+    }
+
+    #[test]
+    fn what_is_farther_off_than_the_gate_is_another_part() {
+        let gate_m = TrackerConfig::default().gate_m;
+        for side in [-1.0, 1.0] {
+            for (share, is_same) in [(0.99, true), (1.01, false)] {
+                let second = show(&mut tracker(0), 0, &[Some(at(0.0)), Some(at(side * share * gate_m))]);
+                assert_eq!(second[0].id == 1, is_same, "{side} {share}");
+            }
+        }
+        // The gate is about where the part is expected, not where it was: this one goes 2.5 mm a frame.
+        let mut tracker = tracker(0);
+        let frames: Vec<_> = (0..8).map(|frame| Some(at(2.5e-3 * f64::from(frame)))).collect();
+        show(&mut tracker, 0, &frames);
+        let after_a_gap = show(&mut tracker, 8, &[None, Some(at(2.5e-3 * 9.0))]);
+        assert_eq!(after_a_gap[0].id, 1);
+    }
+
+    #[test]
+    fn a_part_is_forgotten_when_it_was_missed_too_often_in_a_row() {
+        let missed_max = usize::try_from(TrackerConfig::default().missed_max).unwrap();
+        let id_after = |missed: usize| {
+            let mut tracker = tracker(0);
+            show(&mut tracker, 0, &[Some(at(0.0))]);
+            show(&mut tracker, 1, &vec![None; missed]);
+            show(&mut tracker, 1, &[Some(at(0.0))])[0].id
+        };
+        assert_eq!((id_after(missed_max), id_after(missed_max + 1)), (1, 2));
+        // Seen once in between, it is counted anew.
+        let mut tracker = tracker(0);
+        for _ in 0..3 {
+            show(&mut tracker, 0, &[Some(at(0.0))]);
+            show(&mut tracker, 0, &vec![None; missed_max]);
+        }
+        assert_eq!(show(&mut tracker, 0, &[Some(at(0.0))])[0].id, 1);
+    }
+
+    #[test]
+    fn evidence_of_earlier_frames_fades_but_outlives_a_single_one() {
+        let mut tracker = tracker(0);
+        let other = Candidate { pose: Some(1), ..at(0.0) };
+        let sure = show(&mut tracker, 0, &[Some(at(0.0)); 20])[0].confidence;
+        assert!(sure > 0.85, "{sure}");
+        let once = show(&mut tracker, 20, &[Some(other)])[0];
+        assert!(once.pose == Some(0) && once.confidence < sure - 0.2, "{once:?}");
+        // Four frames at 0.8 leave 0.41 of what was.
+        let often = show(&mut tracker, 21, &[Some(other); 3])[0];
+        assert_eq!(often.pose, Some(1));
+        // A frame that shows no pose is evidence for none.
+        let unsure = show(&mut tracker, 24, &[Some(Candidate { pose: None, ..at(0.0) }); 10])[0];
+        assert!(unsure.confidence < 0.2, "{unsure:?}");
+        assert_eq!(unsure.frames_seen, 34);
+    }
+
+    #[test]
+    fn yaw_and_its_rate_are_followed_either_way_and_round_the_circle() {
+        for symmetry in [1, 2, 6] {
+            for rate_rad_s in [-1.0, 1.0] {
+                let sector_rad = TAU / f64::from(symmetry);
+                let yaw_rad = |frame: u32| rate_rad_s * FRAME_S * f64::from(frame);
+                let frames: Vec<_> = (0..30).map(|frame| Some(turned(yaw_rad(frame).rem_euclid(sector_rad)))).collect();
+                let last = show(&mut tracker(symmetry), 0, &frames)[0];
+                assert!((last.yaw_rate_rad_s - rate_rad_s).abs() < 0.02, "{symmetry} {last:?}");
+                let off_rad = |found_rad: f64, frame| yaw_difference_rad(found_rad, yaw_rad(frame), symmetry).abs();
+                assert!(off_rad(last.yaw_rad.unwrap(), 29) < 0.01, "{symmetry} {last:?}");
+                let ahead_rad = last.predict_yaw_rad(3.4).unwrap();
+                assert!(off_rad(ahead_rad, 34) < 0.02, "{symmetry} {ahead_rad}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_yaw_of_another_likeness_begins_anew() {
+        let mut tracker = tracker(1);
+        show(&mut tracker, 0, &[Some(turned(0.3)); 10]);
+        let other = show(&mut tracker, 10, &[Some(Candidate { likeness: 1, ..turned(2.0) })])[0];
+        assert!((other.yaw_rad.unwrap() - 2.0).abs() < 1e-12 && other.yaw_rate_rad_s.abs() < 1e-12);
+    }
+
+    #[test]
+    fn place_and_velocity_are_smoothed_and_foreseen() {
+        let frames: Vec<_> = (0..20).map(|frame| Some(at(1e-3 * f64::from(frame)))).collect();
+        let last = show(&mut tracker(0), 0, &frames)[0];
+        assert!((last.velocity_m_s - Vector2::new(0.01, 0.0)).norm() < 2e-4, "{last:?}");
+        assert!((last.predict(2.4) - Point2::new(0.024, -0.06)).norm() < 1e-4);
+    }
+}

@@ -264,6 +264,10 @@ mod tests {
         Supervisor::new(SafetyParameters::default(), CourierLimits::default(), PERIOD_S)
     }
 
+    fn ticks_of(duration_s: f64) -> usize {
+        (1_u32..).take_while(|&ticks| f64::from(ticks) * PERIOD_S < duration_s + 0.5 * PERIOD_S).count()
+    }
+
     fn at_rest() -> Seen {
         Seen { measured: Some(Vector3::zeros()), set_point: Vector3::zeros(), velocity: Vector3::zeros() }
     }
@@ -314,7 +318,7 @@ mod tests {
 
     #[test]
     fn force_cut_for_too_long_is_a_fault_and_a_tick_in_full_begins_anew() {
-        let ticks = (SafetyParameters::default().saturation_s_max / PERIOD_S).round() as u32;
+        let ticks = ticks_of(SafetyParameters::default().saturation_s_max);
         let mut supervisor = supervisor();
         for _ in 0..2 {
             for _ in 0..ticks {
@@ -332,7 +336,7 @@ mod tests {
 
     #[test]
     fn a_blind_sensor_is_a_fault_after_a_while_and_a_number_begins_anew() {
-        let ticks = (SafetyParameters::default().sensor_silence_s_max / PERIOD_S).round() as u32;
+        let ticks = ticks_of(SafetyParameters::default().sensor_silence_s_max);
         let blind = Seen { measured: None, ..at_rest() };
         let mut supervisor = supervisor();
         for _ in 0..3 {

@@ -142,6 +142,27 @@ fn a_courier_that_moves_again_during_the_look_is_looked_at_anew() {
 }
 
 #[test]
+fn feeding_lasts_its_shortest_time_though_a_part_lies_right() {
+    let mut hand = ByHand::new(config(), 0.5e-3, None);
+    hand.step(1.06);
+    // As many empty looks as there may be: feeding begins with the last.
+    for s in [1.10, 1.20] {
+        hand.see(s, &[]);
+        hand.step(s);
+    }
+    let mut stopped_s = None;
+    for frame in 1..=10 {
+        let s = 1.20 + 0.1 * f64::from(frame);
+        hand.see(s, &[PART_M]);
+        if hand.step(s).contains(&Output::Feed(false)) {
+            stopped_s = stopped_s.or(Some(s));
+        }
+    }
+    assert!(stopped_s.is_some_and(|s| (s - 1.20 - config().feed_s_min).abs() < 0.11), "{stopped_s:?}");
+    assert!(stopped_s.is_some_and(|s| s > 1.20 + config().feed_s_min - 1e-9), "{stopped_s:?}");
+}
+
+#[test]
 fn what_comes_late_and_is_older_is_passed_over() {
     let mut hand = ByHand::new(config(), 0.5e-3, None);
     hand.step(1.06);

@@ -205,6 +205,9 @@ fn a_courier_that_does_not_return_ends_in_fault_until_reset() {
     world.run(10);
     assert_eq!(world.finished(), [(id, Err(Failure::Fault("refused by a test".into())))]);
     assert_eq!(world.sequencer.phase(), Phase::Fault);
+    // The courier's own faults come and go beside it.
+    world.sequencer.courier_fault(Some("it is stuck"));
+    world.sequencer.courier_fault(None);
     assert_eq!(world.sequencer.fault(), Some("refused by a test"));
     assert!(matches!(world.sequencer.request(world.now, asking("left", 1e-3)), Err(Refusal::Fault(_))));
     world.faults = Faults::default();
