@@ -19,4 +19,5 @@ mod picking;
 mod pictures;
 mod system;
 mod tidy;
+mod view;
 mod wall_clock;

@@ -86,10 +86,10 @@ fn a_run_ends_when_its_goal_is_reached() {
 }
 
 /// Long enough for parts to be seen, chosen and delivered.
-const REPEATED: &str = "--duration 25";
+pub(crate) const REPEATED: &str = "--duration 25";
 
 /// What every run of the same scenario and seed must publish.
-static REFERENCE: LazyLock<Outcome> = LazyLock::new(|| Up::new(REPEATED).digest().success());
+pub(crate) static REFERENCE: LazyLock<Outcome> = LazyLock::new(|| Up::new(REPEATED).digest().success());
 
 #[test]
 fn a_digest_covers_what_the_nodes_publish_and_nothing_else() {

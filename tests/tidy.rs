@@ -22,6 +22,10 @@ const LIBRARIES: &[(&str, &[&str])] = &[
     ("feeder_wire", &["feeder_model", "minifactory_msgs"]),
     ("feeder_runtime", &["minifactory_msgs"]),
     ("feeder_bag_transport", &["feeder_bags", "feeder_runtime", "minifactory_msgs"]),
+    (
+        "feeder_view",
+        &["feeder_model", "feeder_control", "feeder_scenario", "feeder_wire", "feeder_runtime", "minifactory_msgs"],
+    ),
 ];
 const NODE_USES: &[&str] = &[
     "feeder_model",

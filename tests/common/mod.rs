@@ -231,7 +231,8 @@ impl Run {
         }
     }
 
-    fn stderr(&self) -> String {
+    /// What it has written so far.
+    pub(crate) fn stderr(&self) -> String {
         std::fs::read_to_string(self.work.path().join("stderr")).unwrap()
     }
 }

@@ -5,6 +5,7 @@ mod calibrate;
 mod crew;
 mod graph_check;
 pub mod lesson;
+mod live;
 mod look;
 pub mod part;
 mod pictures;
@@ -32,6 +33,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Up(up::UpArgs),
+    View(live::Args),
     Check(scenario_file::CheckArgs),
     Node(NodeArgs),
     Bag(bag::BagArgs),
@@ -60,6 +62,10 @@ pub fn main() -> ExitCode {
         Command::Up(args) => {
             feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
             up::run(&args)
+        }
+        Command::View(args) => {
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
+            live::run(&args)
         }
         Command::Check(args) => scenario_file::check(&args),
         Command::Node(args) => return node(args),

@@ -12,7 +12,8 @@ use feeder_runtime::launch::{Seat, full_name, run_opened};
 use feeder_runtime::lockstep::{ClockRunner, Hub, LoopClock, LoopContract, LoopTiming, Speed};
 use feeder_runtime::node::{Declare, FeederNode, Interface, NodeError};
 use feeder_scenario::Scenario;
-use feeder_scenario::plan::{Loaded, RunMonitorConfig, RunPlan, load};
+use feeder_scenario::plan::{Loaded, RunMonitorConfig, RunPlan, load, named};
+use feeder_view::{Place, Settings, Source};
 use feeder_wire::topics::CLOCK;
 use run_monitor::{Progress, RunMonitor};
 
@@ -32,14 +33,14 @@ const FAILED_SHUT_DOWN_LIMIT: Duration = Duration::from_secs(1);
 const BUSY_CHECK: Duration = Duration::from_millis(600);
 
 /// Run a scenario: all nodes, simulated time, progress and a summary.
-#[derive(Debug, Clone, clap::Args)]
+#[derive(Debug, Clone, Default, clap::Args)]
 pub struct UpArgs {
     /// Scenario, or plan of a run that was (YAML); without it the built-in scenario runs
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
-    /// Simulated seconds per wall second: a positive number, or max
-    #[arg(long, default_value = "max", value_parser = parse_speed, allow_negative_numbers = true, value_name = "1|N|max")]
-    pub speed: Speed,
+    /// Simulated seconds per wall second: a positive number, or max; by default max, with --view 1
+    #[arg(long, value_parser = parse_speed, allow_negative_numbers = true, value_name = "1|N|max")]
+    pub speed: Option<Speed>,
     /// Seed of all random numbers, instead of the scenario's
     #[arg(long, allow_negative_numbers = true)]
     pub seed: Option<u64>,
@@ -61,26 +62,15 @@ pub struct UpArgs {
     /// Write a fingerprint of every topic to this file
     #[arg(long, value_name = "FILE")]
     pub digest: Option<PathBuf>,
+    /// Show the run on a page and print its address: on this machine alone, unless an address says otherwise
+    #[arg(long, value_name = "ADDRESS|PORT", num_args = 0..=1, require_equals = true)]
+    pub view: Option<Option<Place>>,
+    /// The page controls nothing
+    #[arg(long, requires = "view")]
+    pub view_read_only: bool,
     /// What is recorded.
     #[command(flatten)]
     pub recording: RecordOptions,
-}
-
-impl Default for UpArgs {
-    fn default() -> Self {
-        Self {
-            scenario: None,
-            speed: Speed::Max,
-            seed: None,
-            domain: None,
-            duration: None,
-            goal: None,
-            composed: false,
-            summary: None,
-            digest: None,
-            recording: RecordOptions::default(),
-        }
-    }
 }
 
 impl UpArgs {
@@ -145,6 +135,7 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &AtomicBool) -> anyhow::Resu
     let domain = domain(args)?;
     let participant = Participant::open(&domain, &NodeName::new("/", "feeder_up")?)?;
     refuse_busy_domain(&participant, &domain, plan, stop)?;
+    let page = args.view.map(|place| show(plan, args, place.unwrap_or(Place::Default), domain)).transpose()?;
 
     let contract = Arc::new(connect(plan)?);
     let work = tempfile::tempdir().context("cannot make a temporary folder")?;
@@ -176,13 +167,18 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &AtomicBool) -> anyhow::Resu
     };
 
     let end_tick = ticks(plan.run.duration_s, contract.timing.tick_ns);
-    let clock = LoopClock::new(contract.as_ref().clone(), args.speed, end_tick, START_UP_LIMIT);
+    let speed = args.speed.unwrap_or(if args.view.is_some() { Speed::Paced(1.0) } else { Speed::Max });
+    let clock = LoopClock::new(contract.as_ref().clone(), speed, end_tick, START_UP_LIMIT);
     let clock_digest = Digest::new(digest_dir.as_deref(), &CLOCK.name_in(""), &contract.shared_topics);
     let mut clock = ClockRunner::open(&participant, &contract, hub.as_ref(), clock, clock_digest)?;
     if let Some(socket) = record_to {
         clock.record_to(socket, &contract).context("cannot record /clock")?;
     }
     let view = View::new(end_tick, contract.timing.tick_ns);
+    view.line(&page.as_ref().map_or_else(
+        || "to see it live: feeder up --view".to_owned(),
+        |page| format!("see it live at {}", page.url()),
+    ));
     let result = clock.run(stop, |tick| {
         let now = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
         crew.for_each_line(|line| view.line(line));
@@ -198,6 +194,7 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &AtomicBool) -> anyhow::Resu
     let left = crew.finish(limit, |line| view.line(line));
     let monitored = monitor.join();
     view.close();
+    drop(page);
     let tick = clock.tick();
     let started_ticking = clock.started_at().unwrap_or(ended);
     let told = clock.finish().context("cannot keep the digest or the record of /clock");
@@ -247,7 +244,7 @@ pub fn load_plan(args: &UpArgs) -> anyhow::Result<RunPlan> {
     match load(file)? {
         Loaded::Scenario(scenario, text) => {
             let plan = changed_scenario(scenario, args)?.resolve(&text);
-            plan.with_context(|| feeder_scenario::plan::named(file))
+            plan.with_context(|| named(file))
         }
         Loaded::Plan(_) if args.seed.is_some() => bail!("--seed: a plan has its seed already; name a scenario"),
         Loaded::Plan(mut plan) => {
@@ -270,6 +267,13 @@ fn changed_scenario(mut scenario: Scenario, args: &UpArgs) -> anyhow::Result<Sce
         scenario = scenario.with_duration_s(duration_s).context("--duration")?;
     }
     Ok(scenario)
+}
+
+/// The page on which the run is seen.
+fn show(plan: &RunPlan, args: &UpArgs, place: Place, domain: Domain) -> anyhow::Result<feeder_view::View> {
+    let scenario = named(args.scenario.as_deref());
+    let settings = Settings { place, read_only: args.view_read_only, source: Source::Run, scenario, domain };
+    feeder_view::View::start(plan, &settings).context("--view")
 }
 
 /// The domain of `--domain` or the environment. The range is ROS 2's default, SUBNET, unless the environment says

@@ -5,6 +5,8 @@ mod play;
 mod record;
 mod rerun;
 
+pub(crate) use rerun::recorded_plan;
+
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

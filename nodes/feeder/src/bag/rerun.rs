@@ -69,12 +69,20 @@ pub(crate) fn run(args: &RerunArgs) -> anyhow::Result<ExitCode> {
     Ok(super::show(&diff(&bag, &Bag::open(&folder)?, &settings)))
 }
 
-fn recorded_run(bag: &Bag) -> anyhow::Result<Run> {
+/// The plan of the run that a bag holds.
+///
+/// # Errors
+/// A bag of something else.
+pub(crate) fn recorded_plan(bag: &Bag) -> anyhow::Result<RunPlan> {
     let plan = bag.attachment(PLAN)?.with_context(|| {
-        format!("{} holds no plan of a run: only a bag of feeder up --record can be run again", bag.path().display())
+        format!("{} holds no plan of a run: only a bag of feeder up --record does", bag.path().display())
     })?;
     let plan = String::from_utf8(plan).with_context(|| format!("{PLAN} in the bag"))?;
-    let plan = RunPlan::from_yaml(&plan).with_context(|| format!("{PLAN} in the bag"))?;
+    RunPlan::from_yaml(&plan).with_context(|| format!("{PLAN} in the bag"))
+}
+
+fn recorded_run(bag: &Bag) -> anyhow::Result<Run> {
+    let plan = recorded_plan(bag)?;
     let version = &plan.provenance.version;
     if version != env!("CARGO_PKG_VERSION") {
         eprintln!("warning: recorded by version {version}, this is {}", env!("CARGO_PKG_VERSION"));

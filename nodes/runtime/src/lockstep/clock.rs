@@ -70,6 +70,8 @@ pub struct LoopClock {
     started_at: Option<Duration>,
     /// When and at which tick the present speed began.
     paced_from: (Duration, u64),
+    /// While the run is paused: the tick up to which it may go all the same.
+    paused_at: Option<u64>,
     granted_until: u64,
     end_tick: u64,
     slowest: u64,
@@ -87,6 +89,7 @@ impl LoopClock {
             nodes: BTreeMap::new(),
             started_at: None,
             paced_from: (Duration::ZERO, 0),
+            paused_at: None,
             granted_until: 0,
             end_tick,
             slowest: 0,
@@ -127,6 +130,25 @@ impl LoopClock {
     pub fn set_speed(&mut self, speed: Speed, now: Duration) {
         self.speed = speed;
         self.paced_from = (now, self.granted_until.saturating_sub(1));
+    }
+
+    /// Stops simulated time at the tick that is granted already, or lets it go on from there. It changes no result.
+    pub fn set_paused(&mut self, paused: bool, now: Duration) {
+        match (paused, self.paused_at) {
+            (true, None) => self.paused_at = Some(self.granted_until),
+            (false, Some(_)) => {
+                self.paused_at = None;
+                self.set_speed(self.speed, now);
+            }
+            (true, Some(_)) | (false, None) => {}
+        }
+    }
+
+    /// Lets a paused run go on for so many ticks; false when it is not paused.
+    pub fn step(&mut self, ticks: u64) -> bool {
+        let Some(paused_at) = &mut self.paused_at else { return false };
+        *paused_at = paused_at.saturating_add(ticks);
+        true
     }
 
     /// The last grant, as it was sent.
@@ -184,10 +206,12 @@ impl LoopClock {
             self.progress_at = now;
         }
         let window = self.contract.timing.window_ticks;
-        let until = (self.slowest + window).min(self.paced_tick(now)).min(self.end_tick);
+        let allowed = self.paused_at.unwrap_or_else(|| self.paced_tick(now));
+        let until = (self.slowest + window).min(allowed).min(self.end_tick);
         let due = until > self.granted_until
             && (until >= self.granted_until + (window / 4).max(1)
                 || until == self.end_tick
+                || self.paused_at.is_some()
                 || matches!(self.speed, Speed::Paced(_)));
         if !(due || renew) {
             return None;
@@ -365,6 +389,42 @@ mod tests {
         reach(&mut clock, 42, ms(160));
         clock.set_speed(Speed::Paced(1.0), ms(200));
         assert_eq!(clock.grant(ms(225), false).unwrap().until_tick, 44);
+    }
+
+    #[test]
+    fn a_paused_run_goes_on_step_by_step_and_is_no_stall() {
+        let mut clock = clock(Speed::Max);
+        let reach = |clock: &mut LoopClock, tick, now| {
+            for node in ["a", "b"] {
+                clock.accept(&status(node, tick), now).unwrap();
+            }
+        };
+        reach(&mut clock, 0, ms(0));
+        assert!(!clock.step(1), "a run that is not paused takes no steps");
+        assert_eq!(clock.grant(ms(0), false).unwrap().until_tick, 32);
+        clock.set_paused(true, ms(1));
+        clock.set_paused(true, ms(2));
+        reach(&mut clock, 32, ms(3));
+        assert_eq!(clock.grant(ms(60_000), false), None);
+        assert_eq!(clock.check(ms(60_000)), Ok(()));
+        assert!(clock.step(2));
+        assert_eq!(clock.grant(ms(60_000), false).unwrap().until_tick, 34);
+        assert_eq!(clock.grant(ms(60_001), false), None);
+        reach(&mut clock, 34, ms(60_002));
+        assert!(clock.step(100), "more than the window takes some grants");
+        assert_eq!(clock.grant(ms(60_003), false).unwrap().until_tick, 66);
+        reach(&mut clock, 66, ms(60_004));
+        assert_eq!(clock.grant(ms(60_005), false).unwrap().until_tick, 98);
+        reach(&mut clock, 98, ms(60_006));
+        assert_eq!(clock.grant(ms(60_007), false).unwrap().until_tick, 130);
+        reach(&mut clock, 130, ms(60_008));
+        assert_eq!(clock.grant(ms(60_009), false).unwrap().until_tick, 134);
+        reach(&mut clock, 134, ms(60_010));
+        clock.set_speed(Speed::Paced(1.0), ms(60_011));
+        assert_eq!(clock.grant(ms(70_000), false), None, "another speed does not end the pause");
+        clock.set_paused(false, ms(80_000));
+        assert_eq!(clock.grant(ms(80_015), false).unwrap().until_tick, 135);
+        assert_eq!(clock.check(ms(80_015)), Ok(()));
     }
 
     #[test]

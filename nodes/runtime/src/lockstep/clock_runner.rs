@@ -10,6 +10,7 @@ use minifactory_msgs::Message;
 use minifactory_msgs::interface::standard::CLOCK;
 use minifactory_msgs::msg::{LoopGrant, LoopStatus};
 use minifactory_msgs::rosgraph_msgs::msg::Clock as ClockMessage;
+use minifactory_msgs::std_srvs::srv::{Trigger, TriggerResponse};
 
 use super::clock::{ClockError, LoopClock, Speed};
 use super::contract::LoopContract;
@@ -18,12 +19,13 @@ use super::links::{GRANT_TOPIC, LoopWriter, STATUS_TOPIC, read};
 use super::runner::RunError;
 use crate::cdr;
 use crate::clock::TimeSource;
-use crate::dds::{Participant, Reader, Writer};
+use crate::dds::{Participant, Reader, Server, Writer};
 use crate::digest::Digest;
 use crate::housekeeping::{Housekeeping, own_parameters};
 use crate::node::{Interface, NodeError, Port, PortKind, stamp_of_ns};
 use crate::parameters::{Declaration, Range, Store, Value};
 use crate::recording::Tap;
+use crate::service::Responder;
 
 /// Between grants that say nothing new, so that a node can tell a slow clock from a dead one.
 const RENEW_PERIOD: Duration = Duration::from_millis(100);
@@ -56,14 +58,32 @@ pub struct ClockRunner {
     digest: Digest,
     tap: Option<Tap>,
     made_at: Instant,
-    speeds: Receiver<Speed>,
+    orders: Receiver<Order>,
+    step_ticks: u64,
+    _step: Server,
     _housekeeping: Housekeeping,
+}
+
+/// What people ask of the clock. None of it changes a result.
+enum Order {
+    Speed(Speed),
+    Pause(bool),
+    StepTicks(u64),
+    Step(Responder<Trigger>),
 }
 
 /// The parameter that says how fast simulated time may pass.
 const SPEED: &str = "speed";
 /// The largest speed that can be asked for; 0 asks for no limit.
 const SPEED_MAX: f64 = 1000.0;
+/// The parameter that stops simulated time.
+const PAUSED: &str = "paused";
+/// The parameter that says how far a step goes.
+const STEP_TICKS: &str = "step_ticks";
+/// The most ticks of a step.
+const STEP_TICKS_MAX: i64 = 1000;
+/// The service that lets a paused run go on for a step.
+const STEP: &str = "step";
 
 /// The clock's parameters.
 fn parameters(speed: Speed) -> Result<Store, RunError> {
@@ -72,6 +92,11 @@ fn parameters(speed: Speed) -> Result<Store, RunError> {
     let description = "Simulated seconds per wall second at most; 0: as fast as possible. It changes no result";
     let range = Range::Double { from: 0.0, to: SPEED_MAX, step: 0.0 };
     declarations.push(Declaration::new(SPEED, Value::Double(speed), description).range(range));
+    let description = "Whether simulated time stands still. It changes no result";
+    declarations.push(Declaration::new(PAUSED, Value::Bool(false), description));
+    let description = "Ticks for which a call of ~/step lets a paused run go on";
+    let range = Range::Integer { from: 1, to: STEP_TICKS_MAX, step: 1 };
+    declarations.push(Declaration::new(STEP_TICKS, Value::Integer(1), description).range(range));
     Store::new(declarations).map_err(|error| RunError::Node(NodeError::new(error)))
 }
 
@@ -146,15 +171,22 @@ impl ClockRunner {
             }
         };
         let time_port = clock_interface().ports.remove(0);
-        let (sender, speeds) = channel();
+        let (sender, orders) = channel();
+        let step = participant.serve_later::<Trigger>(&format!("{}/{STEP}", participant.node()), {
+            let sender = sender.clone();
+            // A closed inbox belongs to a run that is over; its caller gets no answer.
+            move |_, responder| _ = sender.send(Order::Step(responder))
+        });
         let accept = move |changes: &[(String, Value)]| {
             for (name, value) in changes {
-                let speed = match (name.as_str(), value) {
-                    (SPEED, Value::Double(speed)) if *speed > 0.0 => Speed::Paced(*speed),
-                    (SPEED, _) => Speed::Max,
+                let order = match (name.as_str(), value) {
+                    (SPEED, Value::Double(speed)) if *speed > 0.0 => Order::Speed(Speed::Paced(*speed)),
+                    (SPEED, _) => Order::Speed(Speed::Max),
+                    (PAUSED, Value::Bool(paused)) => Order::Pause(*paused),
+                    (STEP_TICKS, Value::Integer(ticks)) => Order::StepTicks(ticks.unsigned_abs()),
                     _ => continue,
                 };
-                sender.send(speed).map_err(|_| "the run is over".to_owned())?;
+                sender.send(order).map_err(|_| "the run is over".to_owned())?;
             }
             Ok(())
         };
@@ -171,7 +203,9 @@ impl ClockRunner {
             digest,
             tap: None,
             made_at: Instant::now(),
-            speeds,
+            orders,
+            step_ticks: 1,
+            _step: step?,
             _housekeeping: housekeeping,
         })
     }
@@ -241,9 +275,7 @@ impl ClockRunner {
                 }
                 self.clock.end_early();
             }
-            for speed in self.speeds.try_iter() {
-                self.clock.set_speed(speed, self.made_at.elapsed());
-            }
+            self.obey();
             self.tell_time().map_err(RunError::Record)?;
             let renew = renewed_at.elapsed() >= RENEW_PERIOD;
             if let Some(grant) = self.clock.grant(self.made_at.elapsed(), renew || self.clock.finished()) {
@@ -256,6 +288,22 @@ impl ClockRunner {
                 renewed_at = Instant::now();
                 watch(self.clock.tick()).map_err(RunEnd::Watcher)?;
                 self.clock.check(self.made_at.elapsed())?;
+            }
+        }
+    }
+
+    fn obey(&mut self) {
+        for order in self.orders.try_iter() {
+            let now = self.made_at.elapsed();
+            match order {
+                Order::Speed(speed) => self.clock.set_speed(speed, now),
+                Order::Pause(paused) => self.clock.set_paused(paused, now),
+                Order::StepTicks(ticks) => self.step_ticks = ticks,
+                Order::Step(responder) => {
+                    let success = self.clock.step(self.step_ticks);
+                    let message = if success { "" } else { "the run is not paused: set the parameter paused first" };
+                    responder.send(&TriggerResponse { success, message: message.to_owned() });
+                }
             }
         }
     }
