@@ -15,7 +15,7 @@ export class FeedView {
     const time = { x: "s" };
     this.plots = {
       error: new Plot(byId("plot-error"), {
-        ...time, title: "Error of velocity, each period", unit: "mrad/s rms", factor: 1e3, floor: 0, least: 0.01,
+        ...time, title: "Error of velocity, each period", unit: "mrad/s rms", factor: 1e3, isLog: true, least: 1,
         empty: "Shown while the tray vibrates",
         series: [{ name: "commanded less actual", colour: "line-a" }],
       }),
@@ -41,7 +41,7 @@ export class FeedView {
   clear() {
     this.history = new History(["ramp", "plateau", "gap"]);
     this.scores = new History(["gap", "all", "good"], 0.4);
-    this.errors = null;
+    this.error = null;
     this.unit = "yaw";
     Object.values(this.plots).forEach((plot) => plot.set(null));
     keyed(byId("figures"), [], () => "", () => el("div"), () => undefined);
@@ -66,9 +66,12 @@ export class FeedView {
   addMotion(motion) {
     const { time_s: times, velocity_rms: errors } = motion.errors;
     const to = times.at(-1) ?? 0;
-    this.errors = errors.at(-1) ?? null;
+    // The median of some, as those in which it starts and stops are far off.
+    this.error = median(errors.slice(-9));
     this.unit = motion.axis;
-    this.plots.error.set({ x: [times[0] ?? to - 1, to], lines: [{ xs: times, ys: errors }] });
+    // Between two times at which it vibrates there is nothing to be drawn.
+    const shown = errors.map((error, i) => (times[i] - times[i - 1] > 2.5 * motion.period_s ? Number.NaN : error));
+    this.plots.error.set({ x: [times[0] ?? to - 1, to], lines: [{ xs: times, ys: shown }] });
   }
 
   /** @param {any} status @param {string} feeder @param {any} frame */
@@ -80,7 +83,7 @@ export class FeedView {
       });
       this.plots.good.set(this.scores.data(["all", "good"]));
     }
-    showFigures(frame?.feeders[feeder], metrics, progress, counts, this.errors, this.unit);
+    showFigures(frame?.feeders[feeder], metrics, progress, counts, this.error, this.unit);
   }
 
   draw() {

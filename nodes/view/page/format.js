@@ -31,14 +31,14 @@ export function fixed(value, places) {
   return isKnown(value) ? value.toFixed(places).replace("-", "−") : UNKNOWN;
 }
 
-/** A value in SI with a prefix: 0.0042 m is 4.20 mm. @param {number} value @param {string} unit */
+/** A value in SI with a prefix: 0.0042 m is 4.20 mm, and zero is 0 mm. @param {number} value @param {string} unit */
 export function si(value, unit, digits = 3) {
   if (!isKnown(value)) {
     return UNKNOWN;
   }
   const size = Math.abs(value);
   const [factor, prefix] =
-    size === 0 ? [1, ""] : (PREFIXES.findLast(([factor]) => size >= factor * 0.9995) ?? PREFIXES[0]);
+    size === 0 ? [1e-3, "m"] : (PREFIXES.findLast(([factor]) => size >= factor * 0.9995) ?? PREFIXES[0]);
   return `${significant(value / factor, digits)} ${prefix}${unit}`;
 }
 

@@ -58,7 +58,7 @@ const RECEIVERS = {
     if (frame.time_s !== null) {
       playback.push(frame, performance.now());
       feed.addFrame(frame, focus);
-      period?.measure(frame.feeders[focus].track_speed_m_s);
+      period.measure(frame.feeders[focus]);
     }
   },
   status: (message) => {
@@ -182,4 +182,6 @@ startKeys({
   "2": () => byId("tray-views").children[1].click(),
   "3": () => byId("tray-views").children[2].click(),
 });
+// For tests, and for whoever looks in the console.
+globalThis.feeder = { playback, tray };
 requestAnimationFrame(draw);

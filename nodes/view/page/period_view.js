@@ -8,12 +8,15 @@ import { partOver, SLIPS_BACK, SLIPS_ON, STICKS, stretches } from "./stick_slip.
 const G_M_S2 = 9.81;
 /** Steps of the theory for each sample of the tray's motion, so that its phases end where they should. */
 const FINE = 4;
+/** Periods in which the vibration may be ending. */
+const ENDING = 4;
 
 export class PeriodView {
   /** @param {any} hello */
   constructor(hello) {
     this.part = hello.part;
     this.motion = null;
+    this.periods = [];
     this.measured = null;
     this.surface = "plateau";
     this.accelerations = new Plot(byId("plot-acceleration"), {
@@ -55,6 +58,8 @@ export class PeriodView {
     setAll(this.radius, { min: low + 2, max: high - 2 });
     this.radius.value = String(high - 5);
     this.motion = null;
+    this.periods = [];
+    this.measured = null;
     this.#update();
   }
 
@@ -62,15 +67,20 @@ export class PeriodView {
   show(motion) {
     const isVibrating = motion.commanded_velocity !== null && motion.actual_acceleration.length > 0;
     this.stands = !isVibrating;
-    if (isVibrating || !this.motion) {
-      this.motion = motion;
+    if (isVibrating) {
+      this.periods.push(motion);
+      this.periods.splice(0, this.periods.length - ENDING);
     }
+    // The last ones show how it comes to rest, not how it feeds.
+    this.motion = (isVibrating ? motion : this.periods[0]) ?? motion;
     this.#update();
   }
 
-  /** @param {{ramp: number | null, plateau: number | null}} speeds mean true speeds of the parts, m/s */
-  measure(speeds) {
-    this.measured = speeds;
+  /** Takes the mean true speeds of the parts while the tray vibrates. @param {any} state of a feeder in a frame */
+  measure(state) {
+    if (state.courier_state?.vibrating) {
+      this.measured = state.track_speed_m_s;
+    }
   }
 
   #update() {

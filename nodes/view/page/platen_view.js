@@ -16,6 +16,8 @@ export class PlatenView {
     this.hello = hello;
     const { x_m_min, x_m_max, y_m_min, y_m_max } = hello.platen;
     this.box = [x_m_min * MM, -y_m_max * MM, (x_m_max - x_m_min) * MM, (y_m_max - y_m_min) * MM];
+    /** Words and marks grow with the platen, so that they can be read on a large one. */
+    this.scale = Math.max(1, this.box[2] / 520, this.box[3] / 330);
     this.areas = svg("g");
     this.trips = svg("g");
     this.couriers = svg("g");
@@ -23,6 +25,7 @@ export class PlatenView {
     this.drawing = svg("svg", {
       viewBox: this.box.join(" "), class: "platen", role: "img", "aria-label": "The platen from above",
     }, this.#grid(), this.#keepOut(), this.areas, this.trips, this.couriers, this.stations);
+    this.drawing.style.setProperty("--scale", String(this.scale));
     this.feeders = hello.feeders.map((feeder) => this.#courier(feeder, choose));
     this.tools = hello.stations.map((station) => this.#station(station));
     this.status = el("ul", { class: "waits" });
@@ -43,10 +46,10 @@ export class PlatenView {
       lines.push(svg("line", { x1: left, x2: left + width, y1: y, y2: y, class: y === 0 ? "zero" : "grid" }));
     }
     // A length to measure with.
-    const [x, y] = [left + 12, top + height - 12];
+    const [x, y] = [left + 12 * this.scale, top + 22 * this.scale];
     const scale = svg("g", { class: "scale" },
       svg("path", { d: `M${x} ${y - 4}v4h${GRID_MM}v-4` }),
-      svg("text", { x: x + GRID_MM / 2, y: y - 7 }, "100 mm"));
+      svg("text", { x: x + GRID_MM / 2, y: y - 7 * this.scale }, "100 mm"));
     return svg("g", {}, ...lines, scale);
   }
 
@@ -63,9 +66,9 @@ export class PlatenView {
     const ramp = tray.ramp_angle_rad;
     const isLong = ramp > Math.PI ? 1 : 0;
     const sector = `M${edge(0, outer)}A${outer} ${outer} 0 ${isLong} 0 ${edge(ramp, outer)}L${edge(ramp, inner)}A${inner} ${inner} 0 ${isLong} 1 ${edge(0, inner)}Z`;
-    const name = svg("text", { class: "name", y: half + 16 });
+    const name = svg("text", { class: "name", y: half + 16 * this.scale });
     setText(name, feeder.name);
-    const state = svg("text", { class: "phase", y: half + 29 });
+    const state = svg("text", { class: "phase", y: half + 30 * this.scale });
     const turning = svg("g", {},
       svg("rect", { x: -half, y: -half, width: 2 * half, height: 2 * half, rx: 18, class: "courier" }),
       svg("circle", { r: outer, class: "plateau" }),
@@ -90,7 +93,7 @@ export class PlatenView {
     setText(name, station.name);
     const jaws = svg("g", {},
       svg("path", { d: "M-4.5 -3v6M4.5 -3v6", class: "jaws" }));
-    const group = svg("g", { class: "station", transform: `translate(${station.x_m * MM} ${-station.y_m * MM})` },
+    const group = svg("g", { class: "station", transform: `translate(${station.x_m * MM} ${-station.y_m * MM}) scale(${this.scale})` },
       svg("circle", { r: STATION_MM }), jaws,
       svg("path", { d: `M${-STATION_MM - 5} 0h5M${STATION_MM} 0h5M0 ${-STATION_MM - 5}v5M0 ${STATION_MM}v5`, class: "cross" }),
       name);

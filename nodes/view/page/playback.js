@@ -4,6 +4,8 @@
 const KEPT = 90;
 /** How far behind the newest frame is played, in frames. */
 const BEHIND = 1.6;
+/** Close enough to a frame to be at it, s. */
+const NEAR_S = 1e-4;
 
 /**
  * @typedef {{time_s: number}} Frame
@@ -31,7 +33,6 @@ export class Playback {
     }
     if (newest && frame.time_s === newest.frame.time_s) {
       newest.frame = frame;
-      newest.at = now;
     } else {
       this.frames.push({ frame, at: now });
       this.frames.splice(0, this.frames.length - KEPT);
@@ -60,12 +61,13 @@ export class Playback {
     const seconds = this.lastAt === null ? 0 : Math.min(0.25, (now - this.lastAt) / 1000);
     this.lastAt = now;
     const goal = newest - BEHIND * step;
-    const isStale = now - frames.at(-1).at > 400 + 3000 * step;
+    const isStale = frames.at(-1).frame.paused || now - frames.at(-1).at > 400 + 3000 * step;
     if (this.headS === null || Math.abs(this.headS - newest) > Math.max(6 * step, 1e-9) * 2) {
       this.headS = goal;
     } else if (isStale) {
       // Nothing comes any more: the last frame is where it stands.
-      this.headS += (newest - this.headS) * Math.min(1, seconds * 8);
+      const left = newest - this.headS;
+      this.headS = Math.abs(left) < NEAR_S ? newest : this.headS + left * Math.min(1, seconds * 8);
     } else {
       this.headS += this.rate * seconds;
       this.headS += (goal - this.headS) * Math.min(1, seconds * 2.5);

@@ -31,9 +31,9 @@ export class Plot {
   /**
    * @param {HTMLElement} host
    * @param {{title: string, unit: string, x: string, series: Series[], floor?: number, symmetric?: boolean, least?: number,
-   *   empty?: string, factor?: number, xFactor?: number}} spec
+   *   empty?: string, factor?: number, xFactor?: number, isLog?: boolean}} spec
    *   `floor` is a lowest value that is always shown, `least` a span below which the range does not shrink, `factor`
-   *   what values are multiplied by to have the unit.
+   *   what values are multiplied by to have the unit. On a logarithmic axis spans are in decades.
    */
   constructor(host, spec) {
     this.spec = { least: 0, factor: 1, xFactor: 1, empty: "No data yet", ...spec };
@@ -110,7 +110,7 @@ export class Plot {
     const [from, to] = data.x;
     const area = { left: MARGIN.left, right: width - MARGIN.right, top: MARGIN.top, bottom: height - MARGIN.bottom };
     const x = (value) => area.left + ((value - from) / (to - from || 1)) * (area.right - area.left);
-    const y = (value) => area.bottom - ((value - low) / (high - low || 1)) * (area.bottom - area.top);
+    const y = (value) => area.bottom - ((this.#scaled(value) - low) / (high - low || 1)) * (area.bottom - area.top);
     for (const band of data.bands ?? []) {
       context.fillStyle = colour(band.colour);
       context.fillRect(x(band.from), area.top, x(band.to) - x(band.from), area.bottom - area.top);
@@ -127,15 +127,21 @@ export class Plot {
     this.#read(context, area, from, to, y);
   }
 
+  /** A value as its axis counts it; what a logarithmic one cannot show is no number. */
+  #scaled(value) {
+    return this.spec.isLog ? (value > 0 ? Math.log10(value) : Number.NaN) : value;
+  }
+
   /** The range of the values, with some air; it grows at once and shrinks slowly, so that the picture is calm. */
   #fitRange() {
     const { spec, data } = this;
     let [low, high] = [spec.floor ?? Infinity, spec.floor ?? -Infinity];
     for (const { ys } of data.lines) {
       for (let i = 0; i < ys.length; i += 1) {
-        if (Number.isFinite(ys[i])) {
-          low = Math.min(low, ys[i]);
-          high = Math.max(high, ys[i]);
+        const value = this.#scaled(ys[i]);
+        if (Number.isFinite(value)) {
+          low = Math.min(low, value);
+          high = Math.max(high, value);
         }
       }
     }
@@ -160,14 +166,20 @@ export class Plot {
   }
 
   #drawAxes(context, area, x, y, [low, high]) {
-    const { factor, xFactor } = this.spec;
+    const { factor, xFactor, isLog } = this.spec;
     context.strokeStyle = colour("grid");
     context.fillStyle = colour("soft");
     context.lineWidth = 1;
     context.textAlign = "right";
     context.textBaseline = "middle";
-    for (const tick of ticks(low * factor, high * factor, (area.bottom - area.top) / 34)) {
+    const marks = isLog
+      ? ticks(Math.floor(low), Math.ceil(high), high - low + 2).map((power) => 10 ** power * factor)
+      : ticks(low * factor, high * factor, (area.bottom - area.top) / 34);
+    for (const tick of marks) {
       const at = Math.round(y(tick / factor)) + 0.5;
+      if (at < area.top || at > area.bottom + 1) {
+        continue;
+      }
       line(context, area.left, at, area.right, at);
       context.fillText(label(tick), area.left - 6, at);
     }
@@ -231,7 +243,7 @@ function swatch(series) {
   return el("i", { class: `swatch ${series.dash ? "dashed" : ""} c-${series.colour}`, "aria-hidden": "true" });
 }
 
-const label = (tick) => String(tick).replace("-", "−");
+const label = (tick) => String(Number(tick.toPrecision(6))).replace("-", "−");
 
 function line(context, x0, y0, x1, y1) {
   context.beginPath();

@@ -9,6 +9,8 @@ const SPAN_S = 40;
 /** Events that are kept, and those that are listed. */
 const KEPT = 500;
 const LISTED = 40;
+/** No run lasts so long: a later time is one of the wall clock, s. */
+const WALL_S = 1e9;
 const BAND_PX = 26;
 const AXIS_PX = 20;
 const LABEL_PX = 74;
@@ -142,11 +144,19 @@ export class Timeline {
     keyed(byId("events"), shown, ({ sequence }) => String(sequence), make, (item, event) => {
       const [time, sign, what, text] = item.children;
       setAll(item, { class: event.level });
-      setText(time, event.time_s === null ? "" : clock(event.time_s, 1));
+      setText(time, timeOf(event));
       setText(sign, SIGNS[event.kind] ?? LEVEL_SIGNS[event.level] ?? "·");
-      setText(what, [event.node ?? event.feeder, event.kind === "log" ? "" : event.kind.replaceAll("_", " ")].filter(Boolean).join(" "));
+      setText(what, [event.node ?? (this.names.length > 1 ? event.feeder : null), event.kind === "log" ? "" : event.kind.replaceAll("_", " ")].filter(Boolean).join(" "));
       setText(text, [event.message, event.station && `at ${event.station}`, event.delivery_id].filter(Boolean).join(" · "));
     });
     setText(byId("events-note"), this.skipped > 0 ? `${this.skipped} events came too fast and are not shown` : "");
   }
+}
+
+/** Simulated time; what was said before that began bears the time of day. */
+function timeOf({ time_s: time }) {
+  if (time === null) {
+    return "";
+  }
+  return time > WALL_S ? new Date(time * 1000).toLocaleTimeString() : clock(time, 1);
 }

@@ -97,7 +97,7 @@ export class TrayView {
     const at = (angle, z, text, r = tray.outer_radius_m + 0.012) => ({ place: [r * Math.cos(angle), r * Math.sin(angle), z], element: el("span", {}, text) });
     const half = tray.ramp_angle_rad / 2;
     this.words = [
-      at(0.16, 0, "foot", 0.7 * tray.outer_radius_m), at(half, tray.rise_m / 2, "ramp ↗"),
+      at(0.5, 0, "foot", 0.78 * tray.outer_radius_m), at(half, tray.rise_m / 2, "ramp ↗"),
       at(tray.ramp_angle_rad + (2 * Math.PI - tray.ramp_angle_rad) / 2, tray.rise_m, "plateau"),
       at(-0.05, tray.rise_m + 0.012, "drop-off"),
     ];
@@ -110,9 +110,8 @@ export class TrayView {
    */
   draw(moment, playback, seconds) {
     const isMoving = this.orbit.glide(seconds);
-    const isSame = moment.newer === this.drawn?.frame && moment.timeS === this.drawn.timeS;
     const now = performance.now();
-    if (!isSame || isMoving || this.hasChanged) {
+    if (moment.timeS !== this.drawn?.timeS || isMoving || this.hasChanged) {
       this.stillSince = now;
       this.hasChanged = false;
       this.#pace(seconds * 1000);
@@ -120,6 +119,9 @@ export class TrayView {
     } else if (now - this.stillSince > STILL_MS) {
       this.stillSince = Infinity;
       this.#paint(moment, playback, STILL_QUALITY);
+    } else if (moment.newer !== this.drawn.frame) {
+      // Time stands, but something else was heard.
+      this.#paint(moment, playback, this.stillSince === Infinity ? STILL_QUALITY : this.quality);
     }
   }
 
