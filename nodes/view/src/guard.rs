@@ -1,6 +1,8 @@
 //! Who may come in: a page of this server itself, with the token where one is needed.
 
+use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr};
+use std::sync::{Mutex, PoisonError};
 
 use axum::http::{HeaderMap, StatusCode, header};
 
@@ -12,8 +14,27 @@ pub(crate) struct Guard {
     token: Option<String>,
 }
 
+/// Counts those who were turned away, by the reason, and says so: at the first, second, fourth, eighth time, so that
+/// nobody can fill the log.
+#[derive(Default)]
+pub(crate) struct TurnedAway(Mutex<BTreeMap<&'static str, u64>>);
+
+impl TurnedAway {
+    /// Counts one; true when it was said.
+    pub(crate) fn count(&self, why: &'static str, what: &str) -> bool {
+        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let count = counts.entry(why).or_insert(0);
+        *count += 1;
+        let says = count.is_power_of_two();
+        if says {
+            tracing::warn!("view: {why}, {count} so far: {}", what.trim_end());
+        }
+        says
+    }
+}
+
 /// Why somebody may not come in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Refusal {
     /// The name by which it was reached is none of the server's: a foreign name may lead here by DNS.
     ForeignHost,
@@ -126,6 +147,14 @@ mod tests {
         assert_eq!(guard.check_origin(&HeaderMap::new()), Err(Refusal::ForeignHost));
         assert_eq!(guard.check_token(None), Ok(()));
         assert_eq!(guard.url(), "http://127.0.0.1:8080/");
+    }
+
+    #[test]
+    fn a_flood_does_not_fill_the_log() {
+        let turned_away = TurnedAway::default();
+        let said = (0..1000).filter(|_| turned_away.count("somebody was turned away", "why")).count();
+        assert_eq!(said, 10);
+        assert!(turned_away.count("a viewer was sent away", "another reason"));
     }
 
     #[test]

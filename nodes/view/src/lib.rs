@@ -43,7 +43,7 @@ use crate::clockwork::Clockwork;
 use crate::controls::Clients;
 use crate::description::Description;
 use crate::events::Events;
-use crate::guard::Guard;
+use crate::guard::{Guard, TurnedAway};
 use crate::heard::{Ears, Heard};
 use crate::viewers::{Interest, Viewers};
 
@@ -121,6 +121,7 @@ struct Shared {
     events: Events,
     viewers: Viewers,
     guard: Guard,
+    turned_away: TurnedAway,
     clients: Clients,
     clockwork: Clockwork,
 }
@@ -154,7 +155,17 @@ impl View {
         let url = guard.url();
         let viewers = Viewers::new(changes);
         let events = Events::default();
-        let shared = Arc::new(Shared { cell, heard, board, events, viewers, guard, clients, clockwork });
+        let shared = Arc::new(Shared {
+            cell,
+            heard,
+            board,
+            events,
+            viewers,
+            guard,
+            turned_away: TurnedAway::default(),
+            clients,
+            clockwork,
+        });
         let leave = watch::Sender::new(false);
         let run = {
             let (shared, left) = (Arc::clone(&shared), leave.subscribe());

@@ -112,7 +112,7 @@ impl MotionLog {
 
     fn take(&mut self, at_s: f64, block: &MotionBlock) -> bool {
         let expected_s = self.start_s + self.samples.len() as f64 * self.sample_s;
-        let follows = !self.samples.is_empty() && (at_s - expected_s).abs() < GAP_SHARE * self.sample_s;
+        let follows = (at_s - expected_s).abs() < GAP_SHARE * self.sample_s;
         if !follows {
             self.samples.clear();
             self.following = 0;

@@ -121,7 +121,7 @@ impl Pump {
     /// Runs until it is dropped.
     pub(crate) async fn run(mut self) {
         let mut beats = interval(BEAT);
-        beats.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        beats.set_missed_tick_behavior(MissedTickBehavior::Skip);
         loop {
             beats.tick().await;
             self.beats += 1;

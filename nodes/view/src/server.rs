@@ -1,8 +1,7 @@
 //! The HTTP side: the page's files, and the door to the WebSocket.
 
-use std::collections::BTreeMap;
 use std::net::{Ipv4Addr, SocketAddr};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
@@ -64,19 +63,13 @@ pub(crate) fn bind(place: Place) -> Result<(std::net::TcpListener, SocketAddr), 
 struct Door {
     shared: Arc<Shared>,
     left: watch::Receiver<bool>,
-    refused: Arc<Mutex<BTreeMap<Refusal, u64>>>,
 }
 
 impl Door {
-    /// Turns somebody away, and says so: at the first, second, fourth, eighth time, so that the log does not fill.
+    /// Turns somebody away.
     fn refuse(&self, refusal: Refusal) -> Response {
-        let mut refused = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
-        let count = refused.entry(refusal).or_insert(0);
-        *count += 1;
         let (status, reason) = refusal.answer();
-        if count.is_power_of_two() {
-            tracing::warn!("view: turned away ({count} so far): {}", reason.trim_end());
-        }
+        self.shared.turned_away.count(reason.trim_end(), "somebody was turned away");
         (status, HEADERS, reason).into_response()
     }
 }
@@ -87,8 +80,7 @@ pub(crate) fn run(listener: std::net::TcpListener, shared: &Arc<Shared>, left: w
         Ok(runtime) => runtime,
         Err(error) => return tracing::error!("view: cannot start: {error}"),
     };
-    let refused = Arc::default();
-    let door = Door { shared: Arc::clone(shared), left: left.clone(), refused };
+    let door = Door { shared: Arc::clone(shared), left: left.clone() };
     let served = runtime.block_on(async {
         let pump = tokio::spawn(Pump::new(Arc::clone(shared)).run());
         let clockwork = tokio::spawn(clockwork::follow(Arc::clone(shared)));

@@ -92,7 +92,7 @@ pub(crate) async fn converse(socket: WebSocket, shared: Arc<Shared>, viewer: Vie
         End::Gone => return,
         End::Leaving => (close_code::AWAY, "the run has ended".to_owned()),
         End::Broken(code, reason) => {
-            tracing::warn!("view: a viewer is sent away: {reason}");
+            conversation.shared.turned_away.count("a viewer was sent away", &reason);
             let error = json!({ "type": "error", "message": reason }).to_string();
             let _ = timeout(PATIENCE, conversation.socket.send(Message::Text(error.into()))).await;
             (code, reason)
