@@ -95,7 +95,8 @@ export class PeriodView {
       return;
     }
     const { period_s: period, sample_period_s: step } = motion;
-    const scaled = (values) => Float64Array.from(values, (value) => value * lever);
+    const first = longestRun(motion.commanded_acceleration);
+    const scaled = (values) => Float64Array.from(values, (_, i) => values[(i + first) % values.length] * lever);
     const times = Float64Array.from(motion.actual_acceleration, (_, i) => i * step);
     const [acceleration, velocity] = [scaled(motion.actual_acceleration), scaled(motion.actual_velocity)];
     const { tray } = this.feeder;
@@ -135,4 +136,25 @@ export class PeriodView {
     this.accelerations.draw();
     this.velocities.draw();
   }
+}
+
+/**
+ * Where the longest stretch of the same value begins, the values being those of a period. The picture of a period begins
+ * there, whenever it was taken.
+ */
+function longestRun(values) {
+  const count = values.length;
+  const peak = values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
+  const isSame = (i) => Math.abs(values[i % count] - values[(i + count - 1) % count]) < 1e-3 * peak;
+  let [best, length] = [0, 0];
+  for (let start = 0; start < count; start += 1) {
+    let end = start + 1;
+    while (!isSame(start) && end < start + count && isSame(end)) {
+      end += 1;
+    }
+    if (end - start > length) {
+      [best, length] = [start, end - start];
+    }
+  }
+  return best;
 }
