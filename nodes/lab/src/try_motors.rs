@@ -17,6 +17,43 @@ pub(crate) struct Args {
     /// Seed of the sensor's noise.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// In place of the motors of the table, so many drawn at random, all of them off in several ways at once.
+    #[arg(long)]
+    drawn: Option<usize>,
+    /// Seed of the motors drawn.
+    #[arg(long, default_value_t = 1)]
+    draw_seed: u64,
+}
+
+/// How many runs came out how.
+#[derive(Debug, Default)]
+struct Tally {
+    runs: u32,
+    close: u32,
+    told: u32,
+    faults: u32,
+    silent: u32,
+    worse: u32,
+    worse_silent: u32,
+}
+
+impl Tally {
+    /// Feed within this counts as close, and beyond that as wrong.
+    const CLOSE: f64 = 0.05;
+    const WRONG: f64 = 0.1;
+
+    fn add(&mut self, learning: &PlantRun, feedback: &PlantRun) {
+        let off = |run: &PlantRun| (run.after_2_s - 1.0).abs().max((run.after_7_s - 1.0).abs());
+        let told = learning.said_s.is_some();
+        let worse = off(learning) > off(feedback).max(Self::WRONG);
+        self.runs += 1;
+        self.close += u32::from(off(learning) < Self::CLOSE);
+        self.told += u32::from(told);
+        self.faults += u32::from(learning.is_fault);
+        self.silent += u32::from(!told && off(learning) > Self::WRONG);
+        self.worse += u32::from(worse);
+        self.worse_silent += u32::from(worse && !told);
+    }
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
@@ -29,7 +66,12 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     for (name, trial) in trials {
         println!("\nWaveform: {name}\n");
         println!("| Plant | Feedback 2 s | 7 s | Learning 2 s | 7 s | The driver said |\n|---|---|---|---|---|---|");
-        for plant in motors::plants(assumed_motor()).iter().filter(|plant| plant.name.contains(&args.only)) {
+        let plants = match args.drawn {
+            Some(count) => motors::drawn(assumed_motor(), count, args.draw_seed),
+            None => motors::plants(assumed_motor()),
+        };
+        let mut tally = Tally::default();
+        for plant in plants.iter().filter(|plant| plant.name.contains(&args.only)) {
             let feedback = motors::run(&trial, plant, config, false, args.seed)?;
             let learning = motors::run(&trial, plant, config, true, args.seed)?;
             let said = learning.said_s.map_or_else(String::new, |s| format!("{s:.1} s: {}", learning.said));
@@ -38,7 +80,13 @@ pub(crate) fn run(args: &Args) -> Result<()> {
                 format!("{:.3} | {:.3}{stopped}", run.after_2_s, run.after_7_s)
             };
             println!("| {} | {} | {} | {said} |", plant.name, feed(&feedback), feed(&learning));
+            tally.add(&learning, &feedback);
         }
+        let Tally { runs, close, told, faults, silent, worse, worse_silent } = tally;
+        println!(
+            "\n{runs} motors: {close} within 5 % at both times, {told} told of ({faults} faults), {silent} wrong by more than \
+             10 % without a word, {worse} both wrong and farther off than with feedback ({worse_silent} of them without a word)"
+        );
     }
     Ok(())
 }

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use feeder_control::courier::control::ControlParameters;
 use feeder_control::courier::{CourierConfig, LearningParameters, Trajectory, TrajectoryPoint, VibrationPhase};
 use feeder_lab::experiment::feed::FeedTrial;
-use feeder_lab::experiment::motors::{self, Plant, plants};
+use feeder_lab::experiment::motors::{self, Plant, PlantRun, plants};
 use feeder_model::motor::Load;
 use feeder_model::tray::TrayGeometry;
 use feeder_model::waveform::{Axis, Waveform};
@@ -64,12 +64,18 @@ fn verif_learning_feeds_as_computed_on_plants_that_are_off() {
         off_nominal(0.8, 0.7, 0.1, 0.003),
         off_nominal(1.2, 1.3, 0.05, 0.0),
     ];
-    for config in plants {
-        for seed in 0..2 {
-            let run = trial.run(config, seed).unwrap();
-            let off = |feed: f64| (feed - 1.0).abs();
-            assert!(off(run.after_5_s[0]) < 0.10 && off(run.after_5_s[1]) < 0.02, "{run:?} {config:?}");
-            assert!(off(run.after_10_s[0]) < 0.05 && off(run.after_10_s[1]) < 0.0175, "{run:?} {config:?}");
+    // What is above the cut-off lacks on the plateau: 3 % with the default one.
+    for (cutoff_hz, plateau_off) in [(LearningParameters::default().cutoff_hz, 0.033), (930.0, 0.0125)] {
+        for courier in plants {
+            let learning = LearningParameters { cutoff_hz, ..courier.config.learning };
+            let courier = SimulatedCourier { config: CourierConfig { learning, ..courier.config }, ..courier };
+            for seed in 0..2 {
+                let run = trial.run(courier, seed).unwrap();
+                let off = |feed: f64| (feed - 1.0).abs();
+                for [ramp, plateau] in [run.after_5_s, run.after_10_s] {
+                    assert!(off(ramp) < 0.03 && off(plateau) < plateau_off, "{run:?} {courier:?}");
+                }
+            }
         }
     }
 }
@@ -77,7 +83,9 @@ fn verif_learning_feeds_as_computed_on_plants_that_are_off() {
 #[test]
 fn verif_learning_follows_the_velocity_far_better_than_feedback() {
     let trial = trial();
-    let learned = learning();
+    let mut learned = learning();
+    // As closely as the sampling allows, on a tray that is known to be rigid.
+    learned.config.learning.cutoff_hz = 930.0;
     let plain = CourierConfig { learning: LearningParameters::default(), ..learned.config };
     let feedback = ControlParameters { feed_forward: false, ..plain.control };
     let [learned, fed_forward, fed_back] = [learned.config, plain, CourierConfig { control: feedback, ..plain }]
@@ -143,7 +151,7 @@ fn a_load_and_a_move_are_got_over() {
     assert_eq!((step.status.fault, step.status.saturated_ticks), (None, 0));
     driver.step(2 * SECOND);
     let (feed, _) = trial().relative_feed(&mut driver);
-    assert!((feed[0] - 1.0).abs() < 0.1 && (feed[1] - 1.0).abs() < 0.02, "{feed:?}");
+    assert!((feed[0] - 1.0).abs() < 0.05 && (feed[1] - 1.0).abs() < 0.033, "{feed:?}");
 }
 
 /// The motor as assumed with something else about it, by the name of the experiment.
@@ -153,11 +161,11 @@ fn plant(name: &str) -> Plant {
 
 #[test]
 fn verif_learning_feeds_as_computed_on_motors_it_was_not_made_for() {
-    // Within 5 % from the second second on, 10 % where noise, the peak force or a mode of the tray is in the way.
+    // Within 5 % from the second second on, 10 % where noise or a mode of the tray is in the way.
     let paper = trial();
     let rows = [
         ("lag x 0", 0.05),
-        ("lag x 3", 0.1),
+        ("lag x 3", 0.05),
         ("delay x 3", 0.05),
         ("inertia x 0.5", 0.05),
         ("inertia x 2", 0.05),
@@ -166,6 +174,9 @@ fn verif_learning_feeds_as_computed_on_motors_it_was_not_made_for() {
         ("mode 400 Hz, 10 %, sensor on tray", 0.1),
         ("mode 700 Hz, 2 %, sensor on tray", 0.1),
         ("mode 400 Hz, 10 %, sensor on courier", 0.1),
+        ("mode 700 Hz, 2 %, sensor on courier", 0.05),
+        ("mode 700 Hz, 5 %, sensor on courier", 0.05),
+        ("inertia x 1.4, delay, lag x 2, ripple 15 %, 1 µm", 0.05),
         ("30 parts of 5 g taken away", 0.05),
     ];
     for (name, allowed) in rows {
@@ -184,6 +195,18 @@ fn a_motor_on_which_the_waveform_cannot_be_followed_is_told_within_two_seconds()
     }
     let fine = motors::run(&paper, &plant("as assumed"), CourierConfig::default(), true, 1).unwrap();
     assert_eq!(fine.said, "");
+}
+
+#[test]
+fn a_light_tray_that_swings_where_the_sensor_does_not_see_it_is_told_and_fed_no_worse_than_by_feedback() {
+    let paper = trial();
+    for name in ["mode 400 Hz, 2 %, sensor on courier", "mode 400 Hz, 5 %, sensor on courier"] {
+        let run = |learning| motors::run(&paper, &plant(name), CourierConfig::default(), learning, 1).unwrap();
+        let (learned, fed_back) = (run(true), run(false));
+        assert!(learned.said.contains("swings") || learned.said.contains("not followed"), "{name}: {learned:?}");
+        let off = |run: &PlantRun| (run.after_7_s - 1.0).abs();
+        assert!(off(&learned) < off(&fed_back), "{name}: {learned:?} {fed_back:?}");
+    }
 }
 
 #[test]

@@ -2,6 +2,9 @@
 
 use std::f64::consts::PI;
 
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
 use super::feed::FeedTrial;
 use feeder_control::courier::{CourierConfig, LearningParameters, Rejection};
 use feeder_model::motor::Load;
@@ -158,4 +161,44 @@ pub fn plants(base: MotorParameters) -> Vec<Plant> {
         all.push(Plant { name, motor: base, taken_away: parts(30.0, mass_g) });
     }
     all
+}
+
+/// So many motors drawn at random from `seed`, all that may differ from `base` at once: lag and delay up to three times,
+/// inertia half to twice, noise to 2 µm, ripple to 20 %, and on two of three a tray with 2 to 30 % of the inertia on a
+/// mounting of 100 to 900 Hz, seen by the sensor or not.
+#[must_use]
+pub fn drawn(base: MotorParameters, count: usize, seed: u64) -> Vec<Plant> {
+    let mut random = Pcg64Mcg::seed_from_u64(seed);
+    let mut draw = |from: f64, to: f64| from + (to - from) * random.random::<f64>();
+    let plant = |_| {
+        let [lag, delay, inertia] = [draw(0.0, 3.0), draw(0.0, 3.0), 2.0_f64.powf(draw(-1.0, 1.0))];
+        let [noise_um, ripple, kind] = [draw(0.0, 2.0), draw(0.0, 0.2), draw(0.0, 3.0)];
+        let [hz, share] = [100.0 * 9.0_f64.powf(draw(0.0, 1.0)), 0.02 * 15.0_f64.powf(draw(0.0, 1.0))];
+        let has_mode = kind >= 1.0;
+        let sensor_on_tray = kind >= 2.0;
+        let motor = MotorParameters {
+            lag_s: lag * base.lag_s,
+            delay_s: delay * base.delay_s,
+            inertia_kg_m2: inertia * base.inertia_kg_m2,
+            sensor_noise_m_rms: noise_um * 1e-6,
+            ripple,
+            ripple_phase_rad: [0.0, PI, 0.0, PI],
+            tray_inertia_share: if has_mode { share } else { 0.0 },
+            tray_mode_hz: hz,
+            sensor_on_tray,
+            ..base
+        };
+        let place = if sensor_on_tray { "tray" } else { "courier" };
+        let mode = if has_mode {
+            format!("mode {hz:.0} Hz, {:.0} %, sensor on {place}", 100.0 * share)
+        } else {
+            "rigid".to_owned()
+        };
+        let name = format!(
+            "lag x {lag:.1}, delay x {delay:.1}, inertia x {inertia:.1}, {noise_um:.1} µm, ripple {:.0} %, {mode}",
+            100.0 * ripple
+        );
+        Plant { name, motor, taken_away: Load::default() }
+    };
+    (0..count).map(plant).collect()
 }

@@ -48,7 +48,7 @@ impl Harmonic {
 
     /// What of the disturbance's square is surely not its own uncertainty.
     pub(super) fn sure_disturbance_square(&self) -> f64 {
-        (self.disturbance.norm_sqr() - Self::SURPRISE * self.disturbance_variance).max(0.0)
+        (self.disturbance.norm_sqr() - Self::SURPRISE * Self::SURPRISE * self.disturbance_variance).max(0.0)
     }
 
     /// Standard deviation of the plant's answer, relative.

@@ -61,18 +61,28 @@ struct Wanted {
     rigid: Complex<f64>,
     /// Motion of the tray over that which the sensor sees.
     tray_over_seen: Complex<f64>,
+    /// What of the motion is asked for: what a tray does of which too little is known is not asked of it.
+    share: f64,
     /// What the controller adds for the set point's acceleration.
     feed_forward: Complex<f64>,
 }
 
 impl Wanted {
-    /// What is wanted where the tray moves `tray_over_seen` times as much as the sensor sees.
-    fn new(set_point: Complex<f64>, response: Response, feed_forward: bool, tray_over_seen: Complex<f64>) -> Self {
+    /// What is wanted where the tray moves `tray_over_seen` times as much as the sensor sees, which is known but for
+    /// `uncertainty`, relative.
+    fn new(
+        set_point: Complex<f64>,
+        response: Response,
+        feed_forward: bool,
+        (tray_over_seen, uncertainty): (Complex<f64>, f64),
+    ) -> Self {
         let velocity = Complex::new(0.0, response.omega_rad_s) * set_point;
         let feed_forward = if feed_forward { velocity * response.difference } else { Complex::from(0.0) };
-        let rigid = velocity / response.velocity;
+        // On average no other share leaves less of the error.
+        let share = (1.0 + uncertainty * uncertainty).recip();
+        let rigid = velocity / response.velocity * share;
         let position = rigid * response.position / tray_over_seen;
-        Self { response, set_point, position, rigid, tray_over_seen, feed_forward }
+        Self { response, set_point, position, rigid, tray_over_seen, share, feed_forward }
     }
 
     /// The acceleration to add so that `command` is what the plant gets, if it then goes to `reached`.
@@ -112,6 +122,8 @@ impl Lesson {
     /// this binds, what is measured is not what the command did.
     const OWN_SHARE_MAX: f64 = 3.0;
     const SHARE_MAX: f64 = 0.15;
+    /// The second of these shares for an axis that is to stand still: all that couples into it may be in one harmonic.
+    const LATERAL_SHARE_MAX: f64 = 2.0;
     /// The first of these shares for a tray that swings: beyond its frequency it takes as many times the force.
     const SWINGING_SHARE_MAX: f64 = 30.0;
     /// Share of the acceleration that the forcers give at their peak which all of it may have, rms, from the lowest
@@ -125,8 +137,8 @@ impl Lesson {
     const MEASURED: f64 = 0.03;
     /// Errors of a plant's answer when a mode is looked for: of all, relative, and as a share of the acceleration's rms over
     /// that of the harmonic.
-    const ROUGH: f64 = 0.02;
-    const POLLUTION: f64 = 0.01;
+    const ROUGH: f64 = 0.01;
+    const POLLUTION: f64 = 1e-3;
     /// A change below this share of the acceleration's rms stirs nothing up.
     const STIR: f64 = 0.01;
 
@@ -347,7 +359,7 @@ impl Lesson {
                     let tray = wanted.tray_over_seen;
                     let followed = Followed {
                         omega_rad_s: wanted.response.omega_rad_s,
-                        wanted: tray * wanted.position,
+                        wanted: tray * wanted.position / wanted.share,
                         reached: tray * position,
                         expected: tray * harmonic.predict(command),
                         with_feedback: tray * wanted.without_learning(harmonic),
@@ -390,7 +402,7 @@ impl Lesson {
                 let deviation = Self::ROUGH.hypot(polluted).hypot(noise);
                 Ratio { omega_rad_s: seen.omega_rad_s, ratio: product / square / rigid, deviation }
             });
-        self.mode = TrayMode::fit(&ratios.collect::<Vec<_>>());
+        self.mode = TrayMode::fit(&ratios.collect::<Vec<_>>(), known);
         if let Some(mode) = self.mode.filter(|_| !known) {
             for (harmonics, seen) in self.harmonics.iter_mut().zip(seen) {
                 let harmonic = &mut harmonics[self.axis];
@@ -440,7 +452,8 @@ impl Lesson {
     fn most(&self, axis: usize, rigid: Complex<f64>, spent: [f64; 3]) -> f64 {
         let swings = axis == self.axis && self.mode.is_some();
         let own = if swings { Self::SWINGING_SHARE_MAX } else { Self::OWN_SHARE_MAX };
-        let most = own * rigid.norm() + Self::SHARE_MAX * self.scale[axis];
+        let share = if axis == self.axis { Self::SHARE_MAX } else { Self::LATERAL_SHARE_MAX };
+        let most = own * rigid.norm() + share * self.scale[axis];
         let left = 2.0 * (Self::RMS_OF_PEAK * self.reach[axis]).powi(2) - spent[axis];
         most.min(left.max(0.0).sqrt())
     }
@@ -458,10 +471,11 @@ impl Lesson {
                 let set_point = if axis == self.axis { set_point } else { Complex::from(0.0) };
                 let model = &models[axis];
                 let response = model.at(self.fundamental_rad_s * f64::from(order));
-                let swings = self.mode.filter(|_| axis == self.axis);
-                let tray_over_seen =
-                    swings.map_or(Complex::from(1.0), |mode| mode.tray_over_seen(response.omega_rad_s));
-                Wanted::new(set_point, response, model.control.feed_forward, tray_over_seen)
+                let omega_rad_s = response.omega_rad_s;
+                let tray = self.mode.filter(|_| axis == self.axis).map_or((Complex::from(1.0), 0.0), |mode| {
+                    (mode.tray_over_seen(omega_rad_s), mode.tray_uncertainty(omega_rad_s))
+                });
+                Wanted::new(set_point, response, model.control.feed_forward, tray)
             })
         })
     }

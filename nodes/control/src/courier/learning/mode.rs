@@ -1,6 +1,6 @@
 //! A tray that swings on its mounting, from how the plant answers beside a rigid one.
 
-use nalgebra::{Complex, Matrix3, Vector3};
+use nalgebra::{Complex, Matrix3, SMatrix, SVector, Vector3};
 
 /// The plant's answer over that of a rigid one at one frequency, and its standard deviation.
 #[derive(Clone, Copy, Debug)]
@@ -21,26 +21,38 @@ pub(super) struct TrayMode {
     residue: f64,
     /// The plant below the mode over the rigid plant that it was compared with.
     factor: f64,
+    /// Covariance of residue, logarithm of the frequency, and logarithm of the damping ratio.
+    covariance: Matrix3<f64>,
 }
 
 impl TrayMode {
-    /// By how much the sum of squares of deviations must fall for a mode to be believed.
-    const EVIDENCE: f64 = 40.0;
+    /// By how much the sum of squares of deviations must fall for a mode to be believed, and to stay so.
+    const EVIDENCE: f64 = 14.0;
+    const EVIDENCE_LEFT: f64 = 7.0;
+    /// So much beyond the highest of the frequencies measured a mode is looked for: its flank shows.
+    const BEYOND: f64 = 1.1;
     /// Damping ratios tried.
     const DAMPINGS: [f64; 4] = [0.005, 0.01, 0.02, 0.05];
     /// Step from one frequency tried to the next, relative.
     const STEP: f64 = 0.005;
+    /// Rounds in which the best of those tried is refined, and the range of the damping ratio.
+    const ROUNDS: u32 = 6;
+    const DAMPING_RANGE: (f64, f64) = (1e-3, 0.2);
+    /// By how much frequency and damping may at least be off, relative: what no fit to a linear plant shows.
+    const FREQUENCY_SPREAD: f64 = 3e-3;
+    const DAMPING_SPREAD: f64 = 0.1;
 
     /// The mode that explains the ratios best, if one explains them much better than none. The rigid plant may be off by a
-    /// factor and a little delay.
-    pub(super) fn fit(ratios: &[Ratio]) -> Option<Self> {
+    /// factor and a little delay. `known` says whether one has been found before.
+    pub(super) fn fit(ratios: &[Ratio], known: bool) -> Option<Self> {
+        let evidence = if known { Self::EVIDENCE_LEFT } else { Self::EVIDENCE };
         let (lowest, highest) = (ratios.first()?.omega_rad_s, ratios.last()?.omega_rad_s);
         let without = squares(ratios, |_| Complex::from(0.0))?.1;
         let mut best: Option<(Self, f64)> = None;
         let mut omega_rad_s = 1.5 * lowest;
-        while omega_rad_s < highest {
+        while omega_rad_s < Self::BEYOND * highest {
             for damping in Self::DAMPINGS {
-                let mode = Self { omega_rad_s, damping, residue: 1.0, factor: 1.0 };
+                let mode = Self { omega_rad_s, damping, residue: 1.0, factor: 1.0, covariance: Matrix3::zeros() };
                 let Some((solution, left)) = squares(ratios, |omega| -omega * omega / mode.denominator(omega)) else {
                     continue;
                 };
@@ -50,7 +62,59 @@ impl TrayMode {
             }
             omega_rad_s *= 1.0 + Self::STEP;
         }
-        best.filter(|(_, left)| without - left > Self::EVIDENCE && *left < 0.5 * without).map(|(mode, _)| mode)
+        let (mode, _) = best.filter(|(_, left)| without - left > evidence && *left < 0.5 * without)?;
+        mode.refined(ratios)
+    }
+
+    /// The mode that explains the ratios best near this one, and how well it is known: Gauss–Newton.
+    fn refined(mut self, ratios: &[Ratio]) -> Option<Self> {
+        /// Step of a slope.
+        const STEP: f64 = 1e-5;
+        let highest = ratios.last()?.omega_rad_s;
+        let mut delay = 0.0;
+        let mut covariance = SMatrix::<f64, 5, 5>::zeros();
+        for _ in 0..Self::ROUNDS {
+            let (mut information, mut moment) = (SMatrix::<f64, 5, 5>::zeros(), SVector::<f64, 5>::zeros());
+            for ratio in ratios {
+                let omega = ratio.omega_rad_s;
+                let late = omega / highest;
+                let at = |mode: &Self, delay: f64| mode.seen_over_rigid(omega) + Complex::new(0.0, delay * late);
+                let now = at(&self, delay);
+                let slopes = [0, 1, 2, 3, 4].map(|index| {
+                    let mut by = SVector::<f64, 5>::zeros();
+                    by[index] = STEP;
+                    (at(&self.moved(&by), delay + by[4]) - now) / STEP
+                });
+                let weight = ratio.deviation.powi(-2);
+                let off = ratio.ratio - now;
+                for part in [|value: Complex<f64>| value.re, |value: Complex<f64>| value.im] {
+                    let slope = SVector::from(slopes.map(part));
+                    information += slope * slope.transpose() * weight;
+                    moment += slope * (part(off) * weight);
+                }
+            }
+            // A step in the logarithms is not to leave the neighbourhood.
+            covariance = information.try_inverse()?;
+            let step = covariance * moment;
+            let longest = (step[1].abs() / Self::STEP).max(step[2].abs()).max(1.0);
+            self = self.moved(&(step / longest));
+            delay += step[4] / longest;
+        }
+        let least = Vector3::new(0.0, Self::FREQUENCY_SPREAD.powi(2), Self::DAMPING_SPREAD.powi(2));
+        self.covariance = covariance.fixed_view::<3, 3>(0, 0) + Matrix3::from_diagonal(&least);
+        Some(self)
+    }
+
+    /// The mode with residue, logarithms of frequency and damping, and factor moved by so much.
+    fn moved(&self, by: &SVector<f64, 5>) -> Self {
+        let (least, most) = Self::DAMPING_RANGE;
+        Self {
+            residue: self.residue + by[0],
+            omega_rad_s: self.omega_rad_s * by[1].exp(),
+            damping: (self.damping * by[2].exp()).clamp(least, most),
+            factor: self.factor + by[3],
+            ..*self
+        }
     }
 
     fn denominator(&self, omega_rad_s: f64) -> Complex<f64> {
@@ -76,6 +140,24 @@ impl TrayMode {
         }
         let swing = omega_rad_s * omega_rad_s / self.denominator(omega_rad_s);
         (1.0 + swing) / (1.0 - self.residue * swing)
+    }
+
+    /// Standard deviation of that, relative.
+    pub(super) fn tray_uncertainty(&self, omega_rad_s: f64) -> f64 {
+        /// Step of a slope.
+        const STEP: f64 = 1e-5;
+        let now = self.tray_over_seen(omega_rad_s);
+        let slopes = [0, 1, 2].map(|index| {
+            let mut by = SVector::<f64, 5>::zeros();
+            by[index] = STEP;
+            (self.moved(&by).tray_over_seen(omega_rad_s) / now - 1.0) / STEP
+        });
+        let parts = [|value: Complex<f64>| value.re, |value: Complex<f64>| value.im];
+        let squares = parts.map(|part| {
+            let slope = Vector3::from(slopes.map(part));
+            slope.dot(&(self.covariance * slope))
+        });
+        squares.iter().sum::<f64>().max(0.0).sqrt()
     }
 }
 
@@ -123,8 +205,9 @@ mod tests {
     #[test]
     fn verif_a_mode_is_found_and_so_is_the_place_of_the_sensor() {
         for (hz, residue) in [(120.0, 0.43), (180.0, 0.11), (405.0, 0.05), (180.0, -1.0), (640.0, -1.0)] {
-            let mode = TrayMode { omega_rad_s: TAU * hz, damping: 0.02, residue, factor: 1.0 };
-            let found = TrayMode::fit(&ratios(Some(mode), 0.02)).unwrap();
+            let mode =
+                TrayMode { omega_rad_s: TAU * hz, damping: 0.02, residue, factor: 1.0, covariance: Matrix3::zeros() };
+            let found = TrayMode::fit(&ratios(Some(mode), 0.02), false).unwrap();
             assert!((found.omega_rad_s / mode.omega_rad_s - 1.0).abs() < 0.02, "{found:?} {mode:?}");
             assert!((found.residue - residue).abs() < 0.2 * residue.abs(), "{found:?} {mode:?}");
             assert_eq!(residue < 0.0, found.tray_over_seen(1000.0) == Complex::from(1.0));
@@ -133,13 +216,14 @@ mod tests {
 
     #[test]
     fn a_rigid_courier_has_no_mode() {
-        assert_eq!(TrayMode::fit(&ratios(None, 0.05)), None);
+        assert_eq!(TrayMode::fit(&ratios(None, 0.05), false), None);
     }
 
     #[test]
     fn verif_the_tray_moves_as_two_inertias_on_a_spring_do() {
         // Below the mode alike, at the courier's antiresonance the tray alone, far above the tray hardly.
-        let mode = TrayMode { omega_rad_s: 1000.0, damping: 1e-6, residue: 0.25, factor: 1.0 };
+        let mode =
+            TrayMode { omega_rad_s: 1000.0, damping: 1e-6, residue: 0.25, factor: 1.0, covariance: Matrix3::zeros() };
         assert!((mode.tray_over_seen(10.0) - 1.0).norm() < 1e-3);
         // (1 + φ) ω_a² = ω_r².
         assert!(mode.tray_over_seen(1000.0 / 1.25_f64.sqrt()).norm() > 1e3);

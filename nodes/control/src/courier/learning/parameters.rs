@@ -12,6 +12,8 @@ pub struct LearningParameters {
     /// Whether to learn at all. If so, the set point of a vibration is its waveform up to the cut-off.
     pub enabled: bool,
     /// Highest frequency of the set point and of what is learned, Hz; below half the servo rate.
+    /// Above it a tray may swing on its mounting without being seen or shaken; a higher one follows the waveform more
+    /// closely, and is for a tray that is known to be rigid up to there.
     pub cutoff_hz: f64,
     /// Highest frequency learned on the two axes that do not vibrate, Hz: what couples into them is weak, and above it
     /// less than the sensor's noise.
@@ -32,7 +34,7 @@ pub struct LearningParameters {
     /// measured by the waveform alone.
     #[schemars(range(min = 0.0, max = 5.0))]
     pub excitation_m_s2_max: f64,
-    /// The same of rotation, rad/s². The default is a third of what holds parts on the paper's ramp at 85 mm, so that they
+    /// The same of rotation, rad/s². The default is a quarter of what holds parts on the paper's ramp at 85 mm, so that they
     /// stay even on a courier of half the inertia.
     #[schemars(range(min = 0.0, max = 50.0))]
     pub excitation_rad_s2_max: f64,
@@ -42,14 +44,14 @@ impl Default for LearningParameters {
     fn default() -> Self {
         Self {
             enabled: false,
-            cutoff_hz: 930.0,
+            cutoff_hz: 450.0,
             lateral_cutoff_hz: 450.0,
             nominal_delay_s: 0.5e-3,
             nominal_lag_s: 0.5e-3,
             mass_spread: 0.4,
             delay_spread_s: 0.5e-3,
             excitation_m_s2_max: 0.4,
-            excitation_rad_s2_max: 4.0,
+            excitation_rad_s2_max: 3.2,
         }
     }
 }

@@ -24,6 +24,9 @@ pub(crate) struct Args {
     /// Only the corners and the middle of the grid.
     #[arg(long)]
     coarse: bool,
+    /// Highest frequency of the waveform that is run and learned, Hz; the driver's default if not given.
+    #[arg(long)]
+    cutoff_hz: Option<f64>,
 }
 
 /// A plant of the grid: factors on mass and delay, ripple, and offset of the centre of mass.
@@ -94,7 +97,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let (mut least_pd, mut least_feed_forward) = (f64::INFINITY, f64::INFINITY);
     for cell in cells {
         let motor = cell.motor();
-        let learning = LearningParameters { enabled: true, ..base.config.learning };
+        let cutoff_hz = args.cutoff_hz.unwrap_or(base.config.learning.cutoff_hz);
+        let learning = LearningParameters { enabled: true, cutoff_hz, ..base.config.learning };
         let config = SimulatedCourier { motor, config: CourierConfig { learning, ..base.config } };
         let runs = (0..args.seeds).map(|seed| trial.run(config, seed)).collect::<Result<Vec<_>, _>>()?;
         let velocity_mrad_s = 1e3 * runs.iter().map(|run| run.velocity_error_rad_s).sum::<f64>() / runs.len() as f64;
