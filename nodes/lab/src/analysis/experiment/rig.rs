@@ -98,7 +98,8 @@ fn controllers() -> Vec<(String, SimulatedCourier)> {
         };
         with_motor(CourierConfig { control, ..base })
     };
-    let learning = LearningParameters { enabled: true, ..base.learning };
+    // The rig's flat tray is one with its courier.
+    let learning = LearningParameters { enabled: true, cutoff_hz: 930.0, ..base.learning };
     let bandwidths = (25..=60).step_by(5).map(f64::from);
     let mut controllers: Vec<_> = bandwidths.map(|hz| (format!("PD {hz} Hz"), pd(hz, false))).collect();
     controllers.push(("PD 40 Hz + feed-forward".to_owned(), pd(40.0, true)));
