@@ -11,6 +11,7 @@ mod cyclone;
 mod faults;
 mod graph;
 mod interop;
+mod page;
 mod parameters;
 mod part_file;
 mod partner;

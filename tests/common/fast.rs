@@ -6,7 +6,7 @@ use std::process::Command;
 
 use sha2::{Digest as _, Sha256};
 
-use super::python::run;
+use super::install::{apt_install, run};
 
 const SOURCE: &str = include_str!("../interop/fast/relay.cpp");
 /// Debian's package of Fast DDS, and a file of it.
@@ -23,28 +23,14 @@ pub(crate) fn fast_relay() -> PathBuf {
     let lock = File::create(base.join("fast.lock")).unwrap();
     lock.lock().unwrap();
     if !relay.exists() {
-        if !Path::new(HEADER).exists() {
-            install();
-        }
+        let hint = "the interop tests need g++ and Fast DDS 2 (on Debian: apt install g++ libfastrtps-dev)";
+        apt_install(Path::new(HEADER), &["g++", PACKAGE], hint);
         let source = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("tests/interop/fast/relay.cpp");
         let made = base.join(format!("fast-relay-{hash}.part"));
         let mut compile = Command::new("g++");
         compile.args(["-std=c++17", "-o"]).arg(&made).arg(source).args(["-lfastrtps", "-lfastcdr"]);
-        run(&mut compile, "the interop tests need g++ and Fast DDS 2 (on Debian: apt install g++ libfastrtps-dev)");
+        run(&mut compile, hint);
         fs::rename(made, &relay).unwrap();
     }
     relay
-}
-
-fn install() {
-    let hint = "the interop tests need Fast DDS 2, and could not install it themselves; on Debian, as root: apt install \
-                g++ libfastrtps-dev";
-    let apt = |arguments: &[&str]| {
-        let mut command = Command::new("apt-get");
-        command.args(arguments).env("DEBIAN_FRONTEND", "noninteractive");
-        command
-    };
-    assert!(rustix::process::geteuid().is_root(), "{hint}");
-    run(&mut apt(&["update", "--quiet"]), hint);
-    run(&mut apt(&["install", "--quiet", "--yes", "--no-install-recommends", "g++", PACKAGE]), hint);
 }

@@ -1,6 +1,8 @@
 //! A small harness: runs `feeder` as a user does, in a DDS domain and a folder of its own.
 
+mod browser;
 mod fast;
+mod install;
 mod node;
 mod peer;
 mod process;
@@ -24,6 +26,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use tempfile::TempDir;
 
+pub(crate) use browser::Browser;
 pub(crate) use fast::fast_relay;
 pub(crate) use node::bag_reader;
 pub(crate) use peer::{ENCAPSULATION, Kind, Peer, hex};

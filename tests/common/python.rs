@@ -6,6 +6,8 @@ use std::process::Command;
 
 use sha2::{Digest as _, Sha256};
 
+use super::install::run;
+
 const REQUIREMENTS: &str = include_str!("../interop/requirements.txt");
 
 /// The interpreter of an environment with everything in `tests/interop/requirements.txt`. It lives in the target
@@ -37,11 +39,4 @@ pub(crate) fn python() -> PathBuf {
         fs::write(ready, "").unwrap();
     }
     python
-}
-
-#[track_caller]
-pub(super) fn run(command: &mut Command, hint: &str) {
-    let output = command.output().unwrap_or_else(|error| panic!("{hint}: {command:?}: {error}"));
-    let said = || [&*output.stdout, &*output.stderr].map(String::from_utf8_lossy).concat();
-    assert!(output.status.success(), "{hint}: {command:?}: {}: {}", output.status, said());
 }
