@@ -39,7 +39,9 @@ enum Command {
     Optimize(analysis::optimize::Args),
     PlanMove(plan_move::Args),
     Plot(plot::Args),
+    ScorePictures(vision::score_pictures::Args),
     ScoreVision(vision::score_vision::Args),
+    VisionSensitivity(vision::sensitivity::Args),
     SlipStudy(slip_study::Args),
     TrayMap(analysis::tray_map::Args),
     TryMotors(try_motors::Args),
@@ -66,7 +68,9 @@ pub fn main() -> ExitCode {
             feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
             plot::run(&args)
         }
+        Command::ScorePictures(args) => vision::score_pictures::run(&args),
         Command::ScoreVision(args) => vision::score_vision::run(&args),
+        Command::VisionSensitivity(args) => vision::sensitivity::run(&args),
         Command::SlipStudy(args) => slip_study::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),
         Command::TryMotors(args) => try_motors::run(&args),

@@ -1,15 +1,18 @@
 //! Lays a template over a frame, to a fraction of a pixel.
 
-use nalgebra::{Matrix3, Point2, Rotation2, Vector2, Vector3};
+use nalgebra::{Point2, Rotation2, SMatrix, SVector, Vector2};
 
+use super::modes::{self, Amounts, LightAmounts, MODES, added};
 use super::segment::{RELATIVE_UNITS, Segmentation};
-use super::sought::{BARE_BRIGHT_SIGMA, BARE_DARK_SIGMA, CoarsePoint, Sought, Turn, gradient};
+use super::sought::{BARE_BRIGHT_SIGMA, BARE_DARK_SIGMA, BARE_PLAIN_SIGMA, CoarsePoint, Sought, Turn, gradient};
 use super::template::{Aspect, period_rad};
 use super::view::View;
 use feeder_model::camera::single;
 
-/// A texel that misses by more standard deviations counts no more than this many.
+/// A texel that misses by more standard deviations counts no more than this many, and one beside the part that is darker
+/// than expected no more than that many: a shadow may lie there.
 const MISS_SIGMAS_MAX: f32 = 4.0;
+const SHADOW_SIGMAS_MAX: f32 = 1.5;
 /// Points compared at a glance.
 const GLANCE_POINTS: usize = 32;
 /// Steps of the fit at most.
@@ -19,10 +22,12 @@ const STALLED_RATIO: f32 = 0.97;
 /// How far the fit may lead from where it began, px, and by what share of a turn.
 const DRIFT_PX_MAX: f64 = 3.0;
 const DRIFT_RAD_MAX: f64 = 0.4;
+/// A part whose picture changes by less than this mean square when it is turned, in standard deviations, looks round.
+const TURNED_MIN: f32 = 0.1;
 /// Share of the template that must be seen.
 const SEEN_MIN: f32 = 0.6;
 /// Share of the normal matrix's diagonal added to it, so that what nothing tells about stays as it is.
-const DAMPING: f64 = 1e-3;
+const DAMPING: f32 = 1e-3;
 
 /// Where and how a part may lie.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,6 +40,8 @@ pub(super) struct Fit {
     pub cost: f32,
     /// Logarithm of how much likelier the part makes what is seen than bare floor in some shade does, summed over texels.
     pub evidence: f32,
+    /// What light and lens have made of it.
+    pub amounts: Amounts,
 }
 
 /// How likely a level is on bare floor: for bright and for dark ones one over the standard deviation, and the logarithm of
@@ -43,13 +50,16 @@ pub(super) struct Fit {
 struct Bare {
     bright: (f32, f32),
     dark: (f32, f32),
+    /// As it is where nothing shades it.
+    plain: (f32, f32),
 }
 
 impl Bare {
     fn new(noise: f32) -> Self {
         let inverse = |sigma: f32| 1.0 / (sigma * sigma + noise).sqrt();
         let with_log = |sigma: f32| (inverse(sigma), inverse(sigma).ln());
-        Self { bright: with_log(BARE_BRIGHT_SIGMA), dark: with_log(BARE_DARK_SIGMA) }
+        let plain = with_log(BARE_PLAIN_SIGMA);
+        Self { bright: with_log(BARE_BRIGHT_SIGMA), dark: with_log(BARE_DARK_SIGMA), plain }
     }
 
     /// Logarithm of how much likelier a level is where a part misses it by `miss` of its standard deviations, capped, than on
@@ -57,13 +67,22 @@ impl Bare {
     fn outdone(self, level: f32, miss: f32, log_inverse_sigma: f32) -> f32 {
         let (bare_inverse_sigma, bare_log) = if level < 0.0 { self.dark } else { self.bright };
         let bare = (level * bare_inverse_sigma).clamp(-MISS_SIGMAS_MAX, MISS_SIGMAS_MAX);
-        0.5 * (bare * bare - miss * miss) + log_inverse_sigma - bare_log
+        let (plain_inverse_sigma, plain_log) = self.plain;
+        let plain = level * plain_inverse_sigma;
+        let bare = (bare_log - 0.5 * bare * bare).max(plain_log - 0.5 * plain * plain);
+        log_inverse_sigma - 0.5 * miss * miss - bare
     }
 }
 
 /// About the mean square miss of a turned part at a pixel of the window, by its first points; infinitely much where it is more
 /// than `cost_max` or little is seen.
-pub(super) fn glance(frame: &Segmentation, turn: &Turn, column: usize, row: usize, cost_max: f32) -> f32 {
+pub(super) fn glance(
+    frame: &Segmentation,
+    turn: &Turn,
+    (column, row): (usize, usize),
+    light: &LightAmounts,
+    cost_max: f32,
+) -> f32 {
     let points = &turn.points[..turn.points.len().min(GLANCE_POINTS)];
     let enough = cost_max * points.len() as f32;
     let (mut sum, mut seen) = (0.0, 0.0_f32);
@@ -71,7 +90,7 @@ pub(super) fn glance(frame: &Segmentation, turn: &Turn, column: usize, row: usiz
         let Some((level, index)) = at_pixel(frame, point, column, row) else {
             continue;
         };
-        sum += miss(frame, point, level, index).powi(2);
+        sum += miss(frame, point, light, level, index).powi(2);
         seen += 1.0;
         if sum > enough {
             return f32::INFINITY;
@@ -84,7 +103,8 @@ pub(super) fn glance(frame: &Segmentation, turn: &Turn, column: usize, row: usiz
 /// there; `None` off the plateau.
 #[inline]
 fn at_pixel(frame: &Segmentation, point: &CoarsePoint, column: usize, row: usize) -> Option<(f32, usize)> {
-    let place = column.checked_add_signed(point.column).zip(row.checked_add_signed(point.row));
+    let place =
+        column.checked_add_signed(isize::from(point.column)).zip(row.checked_add_signed(isize::from(point.row)));
     let (column, row) = place.filter(|(column, row)| *column < frame.window.width && *row < frame.window.height)?;
     let index = row * frame.window.width + column;
     (frame.bins[index] != 0).then(|| (f32::from(frame.relative[index]) * (1.0 / RELATIVE_UNITS), index))
@@ -92,14 +112,20 @@ fn at_pixel(frame: &Segmentation, point: &CoarsePoint, column: usize, row: usize
 
 /// By how many standard deviations a level misses a point, capped.
 #[inline]
-fn miss(frame: &Segmentation, point: &CoarsePoint, level: f32, index: usize) -> f32 {
-    let value = point.value + point.wall_shade * frame.wall_shade(index);
+fn miss(frame: &Segmentation, point: &CoarsePoint, light: &LightAmounts, level: f32, index: usize) -> f32 {
+    let value = point.value + added(&point.effect, light) + point.wall_shade * frame.wall_shade(index);
     ((level - value) * point.inverse_sigma).clamp(-MISS_SIGMAS_MAX, MISS_SIGMAS_MAX)
 }
 
 /// Mean square miss of a turned part at a pixel of the window and its evidence as in [`Fit`]; infinitely bad where too
 /// little of it is seen, or where the first points miss by more than `cost_max`.
-pub(super) fn coarse(frame: &Segmentation, turn: &Turn, column: usize, row: usize, cost_max: f32) -> (f32, f32) {
+pub(super) fn coarse(
+    frame: &Segmentation,
+    turn: &Turn,
+    (column, row): (usize, usize),
+    light: &LightAmounts,
+    cost_max: f32,
+) -> (f32, f32) {
     const FIRST: u16 = 24;
     let bare = Bare::new(frame.sigma * frame.sigma);
     let (mut sum, mut evidence, mut seen) = (0.0, 0.0, 0_u16);
@@ -107,7 +133,7 @@ pub(super) fn coarse(frame: &Segmentation, turn: &Turn, column: usize, row: usiz
         let Some((level, index)) = at_pixel(frame, point, column, row) else {
             continue;
         };
-        let miss = miss(frame, point, level, index);
+        let miss = miss(frame, point, light, level, index);
         sum += miss * miss;
         evidence += bare.outdone(level - frame.wall_shade(index), miss, point.log_inverse_sigma);
         seen += 1;
@@ -137,9 +163,28 @@ pub(super) struct Owners<'a> {
 }
 
 impl Owners<'_> {
-    fn taken(&self, index: usize) -> bool {
+    pub(super) fn taken(&self, index: usize) -> bool {
         let owner = self.of[index];
         owner != 0 && owner != self.own
+    }
+}
+
+/// What is believed of a part before it is fitted.
+#[derive(Clone, Debug)]
+pub(super) struct Belief {
+    /// Middle of each mode's amount, and its spread relative to the usual one.
+    pub middle: Amounts,
+    pub spread: Amounts,
+    /// What the frame adds to each texel of the template; nothing if empty.
+    pub added: Vec<f32>,
+    /// Evidence that the middle one has; 0 if nothing is known of others.
+    pub evidence: f32,
+}
+
+impl Belief {
+    /// That light, surface and lens may be any.
+    pub(super) fn open() -> Self {
+        Self { middle: [0.0; MODES], spread: [1.0; MODES], added: Vec::new(), evidence: 0.0 }
     }
 }
 
@@ -150,6 +195,8 @@ pub(super) enum Fineness {
     Rough,
     /// As well as can be.
     Full,
+    /// As well as can be, and where it is.
+    Fixed,
 }
 
 impl Fineness {
@@ -157,7 +204,7 @@ impl Fineness {
     fn stride(self) -> usize {
         match self {
             Self::Rough => 4,
-            Self::Full => 1,
+            Self::Full | Self::Fixed => 1,
         }
     }
 
@@ -165,7 +212,7 @@ impl Fineness {
     fn step_px_min(self) -> f64 {
         match self {
             Self::Rough => 0.2,
-            Self::Full => 0.03,
+            Self::Full | Self::Fixed => 0.03,
         }
     }
 }
@@ -181,11 +228,18 @@ struct Probe {
     wall_shade: f32,
     inverse_sigma: f32,
     log_inverse_sigma: f32,
-    /// How the miss grows with a shift along x and y (1/m) and with a turn (1/rad), over sigma.
-    slope: Vector3<f64>,
+    /// Misses by being too dark, in standard deviations, count no more than this many.
+    dark_max: f32,
+    /// What light and lens may add.
+    effect: Amounts,
+    /// How the miss grows with a shift along x and y (1/px) and with a turn (1/rad), and falls with the amounts, over sigma.
+    slope: SVector<f32, UNKNOWNS>,
 }
 
-/// Fits a pose to a frame from a first guess: Gauss–Newton on place and yaw, the template's gradient taken at the guess
+/// What is fitted: place, yaw, and what light and lens have made of the picture.
+const UNKNOWNS: usize = 3 + MODES;
+
+/// Fits a pose to a frame from a first guess: Gauss–Newton on place, yaw and modes, the template's gradient taken at the guess
 /// (the inverse compositional form of Lucas and Kanade: Baker and Matthews 2004, "Lucas-Kanade 20 years on"). Shading turns
 /// against the part as the part turns, so that the template is a function of the yaw. `None` if it leads astray or too little
 /// is seen.
@@ -195,46 +249,21 @@ pub(super) fn refine(
     sought: &Sought,
     start: Fit,
     owners: &Owners,
+    belief: &Belief,
     fineness: Fineness,
 ) -> Option<Fit> {
-    let turns = sought.template.yaw_symmetry != 0;
     let tray_yaw_rad = view.platen_from_tray.rotation.angle();
     let slant = view.slant(start.centre, sought.plane_m);
+    let turns = sought.template.yaw_symmetry != 0;
     // Yaws that look the same count as one.
     let period_rad = period_rad(sought.template.yaw_symmetry);
     let on_platen_rad = start.yaw_rad + tray_yaw_rad;
     let folded_rad = if turns { on_platen_rad.rem_euclid(period_rad) } else { 0.0 };
     let start = Fit { yaw_rad: folded_rad - tray_yaw_rad, ..start };
-    let aspect = Aspect { yaw_rad: folded_rad, slant };
-    let picture = sought.template.picture(&aspect);
-    let picture_change = turns.then(|| sought.template.picture_change(&aspect));
-    let texels_per_m = 1.0 / sought.template.texel_m;
     let noise = frame.sigma * frame.sigma;
+    let aspect = Aspect { yaw_rad: folded_rad, slant };
+    let probes = probes(sought, &aspect, noise, owners.beside_sigma, &belief.added, fineness);
     let bare = Bare::new(noise);
-    let probes: Vec<Probe> = sought
-        .texels
-        .iter()
-        .step_by(fineness.stride())
-        .map(|index| {
-            let place = sought.template.place_m(*index);
-            let (along_x, along_y) = gradient(&picture, sought.template.side(), *index);
-            let inverse_sigma = 1.0 / (sought.variance(*index, owners.beside_sigma) + noise).sqrt();
-            let scale = f64::from(inverse_sigma) * texels_per_m;
-            let (x, y) = (f64::from(along_x) * scale, f64::from(along_y) * scale);
-            let turned = picture_change.as_ref().map_or(0.0, |change| change[*index]);
-            let shading = f64::from(turned * inverse_sigma);
-            let turning = if turns { y * place.x - x * place.y - shading } else { 0.0 };
-            Probe {
-                place,
-                value: picture[*index],
-                turned,
-                wall_shade: sought.template.wall_shade.values()[*index],
-                inverse_sigma,
-                log_inverse_sigma: inverse_sigma.ln(),
-                slope: Vector3::new(x, y, turning),
-            }
-        })
-        .collect();
     let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
     let px_from_tray = view.px_from_tray(start.centre, sought.plane_m)?;
     let mut fit = start;
@@ -245,13 +274,14 @@ pub(super) fn refine(
         let px_from_part = (px_from_tray * Rotation2::new(fit.yaw_rad).matrix()).map(single);
         let pixel = pixel.map(single);
         let turned_rad = single(fit.yaw_rad - start.yaw_rad);
-        let (mut target, mut sum, mut evidence, mut seen) = (Vector3::zeros(), 0.0_f32, 0.0_f32, 0_u16);
-        let mut matrix = Matrix3::zeros();
+        let mut target = SVector::<f32, UNKNOWNS>::zeros();
+        let (mut sum, mut evidence, mut seen) = (0.0_f32, 0.0_f32, 0_u16);
+        let mut matrix = SMatrix::<f32, UNKNOWNS, UNKNOWNS>::zeros();
         for probe in &probes {
             let place = pixel + px_from_part * probe.place.map(single);
             let level_at = match fineness {
                 Fineness::Rough => frame.relative_near(place.x, place.y),
-                Fineness::Full => frame.relative_at(place.x, place.y),
+                Fineness::Full | Fineness::Fixed => frame.relative_at(place.x, place.y),
             };
             let Some((level, index)) = level_at else {
                 continue;
@@ -261,13 +291,14 @@ pub(super) fn refine(
             }
             let level = level * (1.0 / RELATIVE_UNITS);
             let shade = frame.wall_shade(index);
-            let value = probe.value + probe.turned * turned_rad + probe.wall_shade * shade;
+            let value =
+                probe.value + probe.turned * turned_rad + probe.wall_shade * shade + added(&probe.effect, &fit.amounts);
             let miss = (level - value) * probe.inverse_sigma;
-            let miss = miss.clamp(-MISS_SIGMAS_MAX, MISS_SIGMAS_MAX);
+            let miss = miss.clamp(-probe.dark_max, MISS_SIGMAS_MAX);
             evidence += bare.outdone(level - shade, miss, probe.log_inverse_sigma);
             sum += miss * miss;
             seen += 1;
-            target += probe.slope * f64::from(miss);
+            target += probe.slope * miss;
             if normal.is_none() {
                 matrix += probe.slope * probe.slope.transpose();
             }
@@ -277,30 +308,163 @@ pub(super) fn refine(
             return None;
         }
         fit.cost = sum / seen;
-        fit.evidence = evidence * sought.texel_weight * fineness.stride() as f32;
-        if step == STEPS_MAX || (fineness == Fineness::Rough && fit.cost > STALLED_RATIO * cost_before) {
+        let doubt: f32 = (0..MODES)
+            .map(|mode| 0.5 * ((fit.amounts[mode] - belief.middle[mode]) / belief.spread[mode]).powi(2))
+            .sum();
+        fit.evidence = evidence * sought.texel_weight * fineness.stride() as f32 - doubt;
+        if step == STEPS_MAX
+            || fineness == Fineness::Fixed
+            || (fineness == Fineness::Rough && fit.cost > STALLED_RATIO * cost_before)
+        {
             break;
         }
         cost_before = fit.cost;
         let factors = match normal {
             Some(factors) => factors,
             None => {
-                let scale = Vector3::new(matrix[(0, 0)], matrix[(1, 1)], matrix[(2, 2)].max(1.0)) * DAMPING;
-                *normal.insert((matrix + Matrix3::from_diagonal(&scale)).cholesky()?)
+                for pose in 0..3 {
+                    matrix[(pose, pose)] += matrix[(pose, pose)].max(if pose == 2 { 1.0 } else { 0.0 }) * DAMPING;
+                }
+                // The spread of each mode is a belief about it.
+                for (mode, spread) in belief.spread.iter().enumerate() {
+                    matrix[(3 + mode, 3 + mode)] += 1.0 / (spread * spread);
+                }
+                *normal.insert(matrix.cholesky()?)
             }
         };
+        for (mode, amount) in fit.amounts.iter().enumerate() {
+            target[3 + mode] -= (amount - belief.middle[mode]) / belief.spread[mode].powi(2);
+        }
         let change = factors.solve(&target);
         // The template moves by the inverse of what would bring it to the picture it shows.
-        fit.centre -= Rotation2::new(fit.yaw_rad) * change.xy();
-        fit.yaw_rad -= change.z;
+        let moved = Vector2::new(change[0], change[1]).map(f64::from) * sought.m_per_px;
+        fit.centre -= Rotation2::new(fit.yaw_rad) * moved;
+        fit.yaw_rad -= f64::from(change[2]);
+        for (mode, amount) in fit.amounts.iter_mut().enumerate() {
+            *amount = if mode == modes::SCALE {
+                (*amount + change[3 + mode]).clamp(-5.0, 5.0)
+            } else {
+                modes::clamped(*amount + change[3 + mode])
+            };
+        }
         let drift_px = (fit.centre - start.centre).norm() / sought.m_per_px;
         if !(drift_px <= DRIFT_PX_MAX && (fit.yaw_rad - start.yaw_rad).abs() <= DRIFT_RAD_MAX) {
             return None;
         }
-        let rim_px = (change.xy().norm() + change.z.abs() * sought.radius_m) / sought.m_per_px;
+        let rim_px = (moved.norm() + f64::from(change[2]).abs() * sought.radius_m) / sought.m_per_px;
         if rim_px < fineness.step_px_min() {
             break;
         }
     }
     Some(fit)
+}
+
+/// How much worse a part fits when it is turned by half a period of its symmetry, as a share of what the template says it
+/// must: about 1 for the part, and 0 for something round that looks like it otherwise. `None` where the template does not tell.
+pub(super) fn turned_share(
+    frame: &Segmentation,
+    view: &View,
+    sought: &Sought,
+    fit: &Fit,
+    owners: &Owners,
+    belief: &Belief,
+) -> Option<f32> {
+    let period_rad = period_rad(sought.template.yaw_symmetry);
+    if period_rad <= 0.0 {
+        return None;
+    }
+    let noise = frame.sigma * frame.sigma;
+    let yaw_rad = (fit.yaw_rad + view.platen_from_tray.rotation.angle()).rem_euclid(period_rad);
+    let slant = view.slant(fit.centre, sought.plane_m);
+    let picture = sought.template.picture(&Aspect { yaw_rad, slant });
+    let level = |index: usize| {
+        picture[index] + belief.added.get(index).copied().unwrap_or(0.0) + added(&sought.effects[index], &fit.amounts)
+    };
+    let turn = Rotation2::new(0.5 * period_rad);
+    let (mut expected, mut count) = (0.0, 0.0_f32);
+    for index in &sought.texels {
+        let Some(other) = sought.texel(turn * sought.template.place_m(*index)) else { continue };
+        let square = (level(*index) - level(other)).powi(2) / (sought.variance(*index, owners.beside_sigma) + noise);
+        expected += square.min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
+        count += 1.0;
+    }
+    expected /= count.max(1.0);
+    if expected < TURNED_MIN {
+        return None;
+    }
+    let turned = Fit { yaw_rad: fit.yaw_rad + 0.5 * period_rad, ..*fit };
+    let here = refine(frame, view, sought, *fit, owners, belief, Fineness::Fixed)?;
+    let turned = refine(frame, view, sought, turned, owners, belief, Fineness::Fixed)?;
+    Some((turned.cost - here.cost) / expected)
+}
+
+/// By how much each texel that is compared is brighter than the template says after a fit; `None` where it is not seen.
+pub(super) fn residuals(
+    frame: &Segmentation,
+    view: &View,
+    sought: &Sought,
+    fit: &Fit,
+    owners: &Owners,
+) -> Option<Vec<Option<f32>>> {
+    let tray_yaw_rad = view.platen_from_tray.rotation.angle();
+    let period_rad = period_rad(sought.template.yaw_symmetry);
+    let on_platen_rad = fit.yaw_rad + tray_yaw_rad;
+    let folded_rad = if period_rad > 0.0 { on_platen_rad.rem_euclid(period_rad) } else { 0.0 };
+    let aspect = Aspect { yaw_rad: folded_rad, slant: view.slant(fit.centre, sought.plane_m) };
+    let picture = sought.template.picture(&aspect);
+    let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
+    let pixel = view.pixel(fit.centre, sought.plane_m)? - corner;
+    let turn = Rotation2::new(folded_rad - tray_yaw_rad);
+    let px_from_part = view.px_from_tray(fit.centre, sought.plane_m)? * turn.matrix();
+    let residual = |index: &usize| {
+        let place = (pixel + px_from_part * sought.template.place_m(*index)).map(single);
+        let (level, pixel) = frame.relative_at(place.x, place.y)?;
+        if owners.taken(pixel) {
+            return None;
+        }
+        let shade = sought.template.wall_shade.values()[*index] * frame.wall_shade(pixel);
+        let value = picture[*index] + shade + added(&sought.effects[*index], &fit.amounts);
+        Some(level / RELATIVE_UNITS - value)
+    };
+    Some(sought.texels.iter().map(residual).collect())
+}
+
+/// The template's texels under an aspect, as the fit uses them.
+fn probes(
+    sought: &Sought,
+    aspect: &Aspect,
+    noise: f32,
+    beside_sigma: f32,
+    added: &[f32],
+    fineness: Fineness,
+) -> Vec<Probe> {
+    let turns = sought.template.yaw_symmetry != 0;
+    let picture = sought.template.picture(aspect);
+    let picture_change = turns.then(|| sought.template.picture_change(aspect));
+    let texels_per_px = single(sought.m_per_px / sought.template.texel_m);
+    let probe = |index: usize| {
+        let place = sought.template.place_m(index);
+        let (along_x, along_y) = gradient(&picture, sought.template.side(), index);
+        let inverse_sigma = 1.0 / (sought.variance(index, beside_sigma) + noise).sqrt();
+        let (x, y) = (along_x * inverse_sigma * texels_per_px, along_y * inverse_sigma * texels_per_px);
+        let turned = picture_change.as_ref().map_or(0.0, |change| change[index]);
+        let place_px = (place / sought.m_per_px).map(single);
+        let turning = if turns { y * place_px.x - x * place_px.y - turned * inverse_sigma } else { 0.0 };
+        let effect = sought.effects[index];
+        let mut slope = SVector::<f32, UNKNOWNS>::zeros();
+        slope.fixed_rows_mut::<3>(0).copy_from_slice(&[x, y, turning]);
+        slope.iter_mut().skip(3).zip(effect).for_each(|(slope, effect)| *slope = effect * inverse_sigma);
+        Probe {
+            place,
+            value: picture[index] + added.get(index).copied().unwrap_or(0.0),
+            turned,
+            wall_shade: sought.template.wall_shade.values()[index],
+            inverse_sigma,
+            log_inverse_sigma: inverse_sigma.ln(),
+            dark_max: if sought.inside[index] < 0.5 { SHADOW_SIGMAS_MAX } else { MISS_SIGMAS_MAX },
+            effect,
+            slope,
+        }
+    };
+    sought.texels.iter().step_by(fineness.stride()).map(|index| probe(*index)).collect()
 }

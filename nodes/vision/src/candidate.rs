@@ -4,7 +4,11 @@ use nalgebra::Point2;
 
 use super::SelectorConfig;
 use super::detector::{Detector, Found};
+use super::health::FrameHealth;
 use super::hull::{distance_m, gap_m};
+use super::modes::{BLUR, BLUR_SPREAD_PX2, SCALE, SCALE_SPREAD, size_off};
+use super::segment::Uncovered;
+use super::surround::DISTANCES;
 use super::view::View;
 use feeder_model::camera::single;
 
@@ -14,8 +18,27 @@ pub(super) const EDGE_STRIP_PX: f64 = 4.0;
 const WALL_MISS_PX: f64 = 1.5;
 /// How far beyond the edge of the plateau a part's outline may be measured for the part to lie on it, px.
 const SECTOR_MISS_PX: f64 = 0.5;
+/// A part seen larger or smaller than taught by more than this is another one, relative: sizes of a series differ by a tenth,
+/// and no calibration that is of use errs by as much as half of that. Under other light a shaded rim looks as if it belonged
+/// to the part: what all parts of a frame share of that may be more.
+const SIZE_OFF_MAX: f32 = 0.045;
+const SIZE_OFF_IN_COMPANY_MAX: f32 = 0.08;
+/// A part that differs from others of its pose in the frame by more than this, in spreads from part to part, is none of them.
+const UNLIKE_MAX: f32 = 1.9;
+/// Share of the others' lead over other explanations that a part must have to be one of them, and by how much more it is sure.
+const LEAD_RATIO_MIN: f32 = 0.4;
+const LEAD_RATIO_SURE: f32 = 0.25;
+/// Mean square miss of the template alone from which it does not hold, whatever the parts of the frame have in common: it
+/// is about 1 at most where it does.
+const ALONE_COST_MAX: f32 = 1.25;
+/// A part must fit worse by this share of what its template says when it is turned: half way between 0 for what is round and
+/// what blunt edges leave of 1.
+const TURNED_SHARE_MIN: f32 = 0.3;
 /// Gaps of more than this are not measured to the last: the distance between the circles round the outlines is enough, m.
 const NEAR_M: f64 = 0.004;
+/// How much brighter or darker than shade something must be to be no shade, beyond what makes it stand out: relative to the
+/// plateau's brightness.
+const OBSTACLE_TOLERANCE: f32 = 0.04;
 
 /// A part as one frame shows it, in the tray frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,7 +78,12 @@ impl Candidate {
 }
 
 /// Judges what was found: what pose it is in, whether it lies on the plateau, and what room it has.
-pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, found: &[Found]) -> Vec<Candidate> {
+pub(super) fn judge(
+    detector: &Detector,
+    view: &View,
+    config: &SelectorConfig,
+    found: &[Found],
+) -> (Vec<Candidate>, FrameHealth) {
     let m_per_px = detector.camera.m_per_px(detector.tray.plateau_height_m());
     let geometry = &detector.tray.geometry;
     let mut candidates = Vec::with_capacity(found.len());
@@ -74,8 +102,7 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
         }
         let beyond_m =
             outline.iter().map(|corner| detector.tray.inside_sector_m(*corner)).fold(f64::INFINITY, f64::min);
-        let miss_max = detector.sought[part.pose].template.miss_max + detector.sought[part.pose].noise_miss;
-        let (pose, confidence) = recognise(part, miss_max, config);
+        let (pose, confidence) = recognise(detector, part, config);
         candidates.push(Candidate {
             x_m: part.fit.centre.x,
             y_m: part.fit.centre.y,
@@ -89,31 +116,68 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
         });
         outlines.push((part.pose, outline));
     }
-    measure_gaps(detector, view, &outlines, &mut candidates);
-    candidates
+    let (own_px, foreign_px) = measure_gaps(detector, view, &outlines, &mut candidates);
+    let recognised: Vec<&Found> = found.iter().filter(|part| is_recognised(detector, part, config)).collect();
+    (candidates, health(detector, &recognised, own_px, foreign_px))
+}
+
+/// What the frame is worth, of whose uncovered foreground `own_px` belong to parts as their shade and `foreign_px` do not.
+fn health(detector: &Detector, recognised: &[&Found], own_px: usize, foreign_px: usize) -> FrameHealth {
+    let (plateau_px, part_px) = detector.covered_px();
+    let (plateau_ratio, hub_ratio) = detector.light_ratios().unwrap_or((1.0, None));
+    let covered_px = part_px + own_px + foreign_px;
+    let middle = |mode: usize, spread: f32| {
+        let mut amounts: Vec<f32> = recognised.iter().map(|part| part.fit.amounts[mode] * spread).collect();
+        amounts.sort_by(f32::total_cmp);
+        amounts.get(amounts.len() / 2).map(|amount| f64::from(*amount))
+    };
+    let explained = if recognised.is_empty() { 0 } else { part_px + own_px };
+    FrameHealth {
+        covered_ratio: covered_px as f64 / plateau_px.max(1) as f64,
+        explained_ratio: if covered_px == 0 { 1.0 } else { explained as f64 / covered_px as f64 },
+        plateau_ratio,
+        hub_ratio,
+        clipped_ratio: detector.segmentation.clipped_ratio,
+        blur_excess_px2: middle(BLUR, 2.0 * BLUR_SPREAD_PX2),
+        size_excess_ratio: middle(SCALE, SCALE_SPREAD),
+        recognised: recognised.len(),
+    }
+}
+
+/// Whether a part looks as taught, in size too, and like nothing else.
+fn is_recognised(detector: &Detector, part: &Found, config: &SelectorConfig) -> bool {
+    let miss_max = detector.sought[part.pose].template.miss_max + detector.sought[part.pose].noise_miss;
+    let led = part.lead_ratio.map_or(part.lead >= single(config.evidence_lead_min), |ratio| ratio >= LEAD_RATIO_MIN);
+    let size_off_max = if part.in_company { SIZE_OFF_IN_COMPANY_MAX } else { SIZE_OFF_MAX };
+    let like = part.unlike <= UNLIKE_MAX && size_off(&part.fit.amounts) <= size_off_max && !part.weak;
+    let turned = part.turned.is_none_or(|share| share >= TURNED_SHARE_MIN);
+    let strong = part.evidence_per_texel >= detector.sought[part.pose].template.evidence_min;
+    part.fit.cost <= miss_max && led && like && turned && strong && part.first_cost <= ALONE_COST_MAX
 }
 
 /// The pose, and how sure it is: from one half at the least accepted to 1, with the match and with the lead over other
 /// explanations.
-fn recognise(part: &Found, miss_max: f32, config: &SelectorConfig) -> (Option<usize>, f64) {
+fn recognise(detector: &Detector, part: &Found, config: &SelectorConfig) -> (Option<usize>, f64) {
     let lead_min = single(config.evidence_lead_min);
-    if part.fit.cost > miss_max || part.lead < lead_min {
+    let miss_max = detector.sought[part.pose].template.miss_max + detector.sought[part.pose].noise_miss;
+    if !is_recognised(detector, part, config) {
         return (None, 0.0);
     }
     let matched = (miss_max - part.fit.cost) / (0.5 * miss_max);
-    let led = (part.lead - lead_min) / lead_min;
+    let led =
+        part.lead_ratio.map_or((part.lead - lead_min) / lead_min, |ratio| (ratio - LEAD_RATIO_MIN) / LEAD_RATIO_SURE);
     (Some(part.pose), f64::from(0.5 + 0.5 * matched.min(led).clamp(0.0, 1.0)))
 }
 
-/// Free gaps between candidates and to whatever else stands out from the plateau.
+/// Free gaps between candidates and to whatever else stands out from the plateau. Returns how many pixels of that are the
+/// parts' own, as their shade, and how many are not.
 fn measure_gaps(
     detector: &Detector,
     view: &View,
     outlines: &[(usize, Vec<Point2<f64>>)],
     candidates: &mut [Candidate],
-) {
+) -> (usize, usize) {
     let reach_m = |pose: usize| detector.sought[pose].radius_m;
-    let shade_m = |pose: usize| detector.sought[pose].template.shade_reach_m;
     let centres: Vec<Point2<f64>> = candidates.iter().map(Candidate::centre).collect();
     for (index, (pose, outline)) in outlines.iter().enumerate() {
         for (other, (other_pose, other_outline)) in outlines.iter().enumerate().skip(index + 1) {
@@ -123,20 +187,27 @@ fn measure_gaps(
             candidates[other].part_gap_m = candidates[other].part_gap_m.min(gap_m);
         }
     }
-    for obstacle in detector.unexplained(view, EDGE_STRIP_PX) {
-        let near: Vec<(usize, f64)> = outlines
-            .iter()
-            .enumerate()
-            .filter(|(index, (pose, _))| (centres[*index] - obstacle).norm() < reach_m(*pose) + shade_m(*pose) + NEAR_M)
-            .map(|(index, (pose, outline))| (index, distance_m(outline, &obstacle) - shade_m(*pose)))
-            .collect();
-        // Within a part's own shade nothing else can be told.
-        if near.iter().any(|(_, beyond_m)| *beyond_m <= 0.0) {
+    let tolerance = detector.segmentation.threshold + OBSTACLE_TOLERANCE;
+    let (mut own_px, mut foreign_px) = (0, 0);
+    for Uncovered { place: point, level, px } in detector.uncovered(view, EDGE_STRIP_PX) {
+        let reach_m = |pose: usize| reach_m(pose) + DISTANCES as f64 * detector.sought[pose].m_per_px;
+        let near = |index: &usize| (centres[*index] - point).norm() < reach_m(outlines[*index].0).max(NEAR_M);
+        let near: Vec<usize> = (0..outlines.len()).filter(near).collect();
+        let is_its = |index: &usize| {
+            let (pose, candidate) = (outlines[*index].0, &candidates[*index]);
+            let lies = (centres[*index], candidate.yaw_rad.unwrap_or(0.0));
+            detector.surrounds[pose].explains(view, &detector.sought[pose], lies, (point, level), tolerance)
+        };
+        // What is a part's own is in the way of none.
+        if near.iter().any(is_its) {
+            own_px += px;
             continue;
         }
-        // What begins in the shade shows only where that ends: gaps are counted from there.
-        for (index, beyond_m) in near {
-            candidates[index].part_gap_m = candidates[index].part_gap_m.min(beyond_m);
+        foreign_px += px;
+        for index in near {
+            let gap_m = distance_m(&outlines[index].1, &point);
+            candidates[index].part_gap_m = candidates[index].part_gap_m.min(gap_m);
         }
     }
+    (own_px, foreign_px)
 }

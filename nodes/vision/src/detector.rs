@@ -6,10 +6,12 @@ use image::GrayImage;
 use nalgebra::{Isometry2, Point2, Rotation2, Vector2};
 
 use super::ImageFault;
-use super::align::{Fineness, Fit, NO_PART, Owners, coarse, glance, refine};
+use super::align::{Belief, Fineness, Fit, NO_PART, Owners, coarse, glance, refine, residuals, turned_share};
+use super::modes::{self, Amounts, LIGHT_MODES};
 use super::search::{Search, Seed};
-use super::segment::{Plateau, Segmentation};
+use super::segment::{Plateau, Segmentation, Uncovered};
 use super::sought::{FREE_SIGMA, SHADE_SIGMA, Sought, Turn, slant_index};
+use super::surround::{Samples, Surround};
 use super::template::PartModel;
 use super::view::{RayTable, View};
 use feeder_model::camera::{CameraModel, MountedTray};
@@ -25,7 +27,7 @@ const FIRST_COST_MAX: f32 = 9.0;
 /// What a pixel beside may make of the miss.
 const BESIDE_COST: f32 = 2.0;
 /// Mean square miss up to which a rough fit is worth a fine one.
-const ROUGH_COST_MAX: f32 = 4.0;
+const ROUGH_COST_MAX: f32 = 5.0;
 /// A second yaw is tried where it misses by at most this much more than the best.
 const SECOND_YAW_COST: f32 = 2.0;
 /// Yaws tried at most at a seed.
@@ -43,6 +45,20 @@ const SHADE_HEIGHTS: f64 = 0.8;
 /// A pose whose evidence is this much weaker per texel in the coarse search is not fitted.
 const COARSE_LEAD: f32 = 1.2;
 
+/// Mean square miss up to which a part counts among those that tell what the light of a frame is, and how much evidence it must
+/// have at least, of that of the middle one; how many there must be for that, and to add to the template what all show.
+const ALIKE_COST_MAX: f32 = 3.0;
+const ALIKE_EVIDENCE_RATIO: f32 = 0.5;
+const ALIKE_MIN: usize = 4;
+const ADAPTED_MIN: usize = 6;
+/// A part with less evidence than this, of that of the middle one, is none of them.
+const WEAK_RATIO: f32 = 0.3;
+/// A rival explanation that is led by less than this, per texel, is as good.
+const LEAD_MIN: f32 = 0.05;
+/// What parts under one light differ by among each other at least, in spreads of the modes; and a part alone from the one taught.
+const PART_SPREADS: Amounts = [0.3, 0.2, 0.12, 0.4, 1.0, 1.0, 0.5];
+const LONE_SPREADS: Amounts = [0.3, 0.3, 0.3, 0.3, 1.0, 1.0, 0.3];
+
 /// Something that looks like the part.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Found {
@@ -50,6 +66,22 @@ pub(super) struct Found {
     pub fit: Fit,
     /// By how much, per texel, the evidence is stronger than that for another pose in the same place.
     pub lead: f32,
+    /// By how many times what parts of a frame differ by it looks unlike the others in light.
+    pub unlike: f32,
+    /// Whether enough others of the pose lie in the frame to tell that.
+    pub in_company: bool,
+    /// Whether much less speaks for it than for the others.
+    pub weak: bool,
+    /// As [`turned_share`] tells.
+    pub turned: Option<f32>,
+    /// The strongest explanation by another pose.
+    pub rival: Option<(usize, Fit)>,
+    /// Mean square miss before what the frame shows of others was known.
+    pub first_cost: f32,
+    /// The lead relative to that of the middle one of the others; `None` if too few have a rival too.
+    pub lead_ratio: Option<f32>,
+    /// Evidence for each texel.
+    pub evidence_per_texel: f32,
 }
 
 /// Finds parts in single frames.
@@ -66,6 +98,8 @@ pub(super) struct Detector {
     search: Search,
     /// For each pixel of the window the part it shows, counted from 1.
     owners: Vec<u16>,
+    /// What the parts of each pose have round them in the latest frame.
+    pub(super) surrounds: Vec<Surround>,
 }
 
 impl Detector {
@@ -79,6 +113,7 @@ impl Detector {
             segmentation: Segmentation::default(),
             height_m_max: sought.iter().map(|sought| sought.template.height_m).fold(0.0, f64::max),
             search: Search::new(&sought),
+            surrounds: sought.iter().map(|sought| sought.template.surround()).collect(),
             sought,
             owners: Vec::new(),
         }
@@ -98,6 +133,57 @@ impl Detector {
         Some(self.search.miss_near(pose, column, row))
     }
 
+    /// Takes a frame apart, for what is asked of it next.
+    pub(super) fn look(
+        &mut self,
+        image: &GrayImage,
+        platen_from_tray: &Isometry2<f64>,
+        contrast_min_levels: f64,
+    ) -> Result<(), ImageFault> {
+        let expected = (self.camera.width_px(), self.camera.height_px());
+        if image.dimensions() != expected {
+            return Err(ImageFault::WrongSize { found: image.dimensions(), expected });
+        }
+        let view = View { camera: &self.camera, tray: &self.tray, platen_from_tray: *platen_from_tray };
+        self.segmentation.look(&view, &self.rays, image, &self.plateau, contrast_min_levels, BLOB_PX_MIN)?;
+        let noise = self.segmentation.sigma * self.segmentation.sigma;
+        self.sought.iter_mut().for_each(|sought| sought.expect_noise(noise));
+        self.owners.clear();
+        self.owners.extend(self.segmentation.bins.iter().map(|bin| if *bin == 0 { NO_PART } else { 0 }));
+        Ok(())
+    }
+
+    /// The best fit of a pose whose centre lies within `reach_m` of what a pixel sees, in the frame looked at last.
+    pub(super) fn near(&self, view: &View, pose: usize, pixel: Point2<f64>, reach_m: f64) -> Option<Fit> {
+        const TRIED: usize = 6;
+        let sought = self.sought.get(pose)?;
+        let window = self.segmentation.window;
+        let reach_px = reach_m / sought.m_per_px;
+        let middle = pixel - Vector2::new(window.left as f64, window.top as f64);
+        let mut seeds: Vec<(f32, Seed)> = Vec::new();
+        for row in clip(middle.y - reach_px, middle.y + reach_px, window.height) {
+            for column in clip(middle.x - reach_px, middle.x + reach_px, window.width) {
+                let aside = Vector2::new(column as f64, row as f64) - middle.coords;
+                if aside.norm() > reach_px || self.segmentation.bins[row * window.width + column] == 0 {
+                    continue;
+                }
+                let light = self.search.light_at(&self.segmentation, sought, column, row);
+                let seed = Seed { pose, column, row, light };
+                let turns = turns_at(view, &self.segmentation, sought, seed);
+                let least =
+                    |least: f32, turn: &Turn| least.min(glance(&self.segmentation, turn, (column, row), &light, least));
+                seeds.push((turns.iter().fold(f32::MAX, least), seed));
+            }
+        }
+        seeds.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut guesses = Vec::new();
+        for (_, seed) in seeds.into_iter().take(TRIED) {
+            self.guess(view, seed, &mut guesses);
+        }
+        let fits = guesses.into_iter().filter_map(|guess| self.fitted(view, guess)).map(|found| found.fit);
+        fits.max_by(|a, b| a.evidence.total_cmp(&b.evidence))
+    }
+
     /// Finds parts that miss their template by at most `cost_max`, the likeliest first.
     pub(super) fn find(
         &mut self,
@@ -106,22 +192,15 @@ impl Detector {
         contrast_min_levels: f64,
         cost_max: f32,
     ) -> Result<Vec<Found>, ImageFault> {
-        let expected = (self.camera.width_px(), self.camera.height_px());
-        if image.dimensions() != expected {
-            return Err(ImageFault::WrongSize { found: image.dimensions(), expected });
-        }
+        self.look(image, platen_from_tray, contrast_min_levels)?;
         let (camera, tray) = (self.camera.clone(), self.tray);
         let view = View { camera: &camera, tray: &tray, platen_from_tray: *platen_from_tray };
-        self.segmentation.look(&view, &self.rays, image, &self.plateau, contrast_min_levels, BLOB_PX_MIN)?;
-        let noise = self.segmentation.sigma * self.segmentation.sigma;
-        self.sought.iter_mut().for_each(|sought| sought.expect_noise(noise));
-        self.owners.clear();
-        self.owners.extend(self.segmentation.bins.iter().map(|bin| if *bin == 0 { NO_PART } else { 0 }));
         let mut guesses = Vec::new();
         let glance = |seed: Seed| {
             let turns = turns_at(&view, &self.segmentation, &self.sought[seed.pose], seed);
+            let place = (seed.column, seed.row);
             let least =
-                |least: f32, turn: &Turn| least.min(glance(&self.segmentation, turn, seed.column, seed.row, least));
+                |least: f32, turn: &Turn| least.min(glance(&self.segmentation, turn, place, &seed.light, least));
             let miss = turns.iter().fold(GLANCE_COST_MAX, least);
             if miss < GLANCE_COST_MAX { miss } else { f32::INFINITY }
         };
@@ -142,23 +221,80 @@ impl Detector {
                 *owner = 0;
             }
         }
+        let samples = self.samples(&view, &found, |_, found| fits(found));
+        self.surrounds = samples
+            .into_iter()
+            .zip(&self.sought)
+            .map(|(samples, sought)| samples.of_frame(&sought.template.surround()))
+            .collect();
         found.retain(fits);
         Ok(found)
+    }
+
+    /// What parts have round them, by pose, as far as they count; `found` as they own the frame's pixels.
+    fn samples(&self, view: &View, found: &[Found], counts: impl Fn(usize, &Found) -> bool) -> Vec<Samples> {
+        let mut samples = vec![Samples::default(); self.sought.len()];
+        for (index, part) in found.iter().enumerate().filter(|(index, part)| counts(*index, part)) {
+            let taken = |pixel: usize| self.owners[pixel] != 0 && usize::from(self.owners[pixel]) != index + 1;
+            samples[part.pose].add(&self.segmentation, view, &self.sought[part.pose], &part.fit, taken);
+        }
+        samples
+    }
+
+    /// What a part has round it in the frame looked at last, whatever else lies there.
+    pub(super) fn sample(&self, view: &View, part: &Found, samples: &mut Samples) {
+        let sought = &self.sought[part.pose];
+        let mut own = Vec::new();
+        covered(&self.segmentation, view, sought, &part.fit, |pixel| own.push(self.owners[pixel]));
+        own.sort_unstable();
+        let own = own.chunk_by(|a, b| a == b).max_by_key(|run| run.len()).map_or(0, |run| run[0]);
+        samples.add(&self.segmentation, view, sought, &part.fit, |pixel| {
+            self.owners[pixel] != 0 && self.owners[pixel] != own
+        });
     }
 
     /// The fit that a guess leads to.
     fn fitted(&self, view: &View, guess: Found) -> Option<Found> {
         let nobody = Owners { of: &self.owners, own: 0, beside_sigma: SHADE_SIGMA };
         let refined = |start: Fit, fineness: Fineness| {
-            refine(&self.segmentation, view, &self.sought[guess.pose], start, &nobody, fineness)
+            refine(&self.segmentation, view, &self.sought[guess.pose], start, &nobody, &Belief::open(), fineness)
         };
         let rough = refined(guess.fit, Fineness::Rough).filter(|fit| fit.cost <= ROUGH_COST_MAX)?;
         let fit = refined(rough, Fineness::Full)?;
         Some(Found { fit, ..guess })
     }
 
-    /// First guesses of the yaw at a seed.
+    /// The fit of a pose that a guess of place and yaw leads to, in the frame looked at last.
+    pub(super) fn fit_from(&self, view: &View, pose: usize, guess: Fit) -> Option<Fit> {
+        self.fitted(
+            view,
+            Found {
+                pose,
+                fit: guess,
+                lead: f32::INFINITY,
+                unlike: 0.0,
+                in_company: false,
+                weak: false,
+                turned: None,
+                rival: None,
+                first_cost: 0.0,
+                lead_ratio: None,
+                evidence_per_texel: 0.0,
+            },
+        )
+        .map(|found| found.fit)
+    }
+
+    /// First guesses of the yaw at a seed: as the rings tell the light there or, where that leads to none, as taught.
     fn guess(&self, view: &View, seed: Seed, guesses: &mut Vec<Found>) {
+        let before = guesses.len();
+        self.guess_in_light(view, seed, guesses);
+        if guesses.len() == before {
+            self.guess_in_light(view, Seed { light: [0.0; LIGHT_MODES], ..seed }, guesses);
+        }
+    }
+
+    fn guess_in_light(&self, view: &View, seed: Seed, guesses: &mut Vec<Found>) {
         let sought = &self.sought[seed.pose];
         let window = self.segmentation.window;
         let turns = turns_at(view, &self.segmentation, sought, seed);
@@ -167,7 +303,7 @@ impl Detector {
             .iter()
             .map(|turn| {
                 let cost_max = FIRST_COST_MAX.min(least + BESIDE_COST);
-                let look = coarse(&self.segmentation, turn, seed.column, seed.row, cost_max);
+                let look = coarse(&self.segmentation, turn, (seed.column, seed.row), &seed.light, cost_max);
                 least = least.min(look.0);
                 look
             })
@@ -176,12 +312,12 @@ impl Detector {
         let worth_a_look = least + BESIDE_COST;
         let mut best_place = (seed.column, seed.row);
         for (look, turn) in looks.iter_mut().zip(turns).filter(|(look, _)| look.0 <= worth_a_look) {
-            for (column, row) in beside(seed) {
-                let other = coarse(&self.segmentation, turn, column, row, look.0);
+            for place in beside(seed) {
+                let other = coarse(&self.segmentation, turn, place, &seed.light, look.0);
                 if other.0 < look.0 {
                     *look = other;
                     if other.0 <= least {
-                        (least, best_place) = (other.0, (column, row));
+                        (least, best_place) = (other.0, place);
                     }
                 }
             }
@@ -192,8 +328,21 @@ impl Detector {
         };
         guesses.extend(valleys(&looks).into_iter().map(|index| {
             let (cost, evidence) = looks[index];
+            let amounts = modes::all(&seed.light);
             let yaw_rad = turns[index].yaw_rad - view.platen_from_tray.rotation.angle();
-            Found { pose: seed.pose, fit: Fit { centre, yaw_rad, cost, evidence }, lead: f32::INFINITY }
+            Found {
+                pose: seed.pose,
+                fit: Fit { centre, yaw_rad, cost, evidence, amounts },
+                lead: f32::INFINITY,
+                unlike: 0.0,
+                in_company: false,
+                weak: false,
+                turned: None,
+                rival: None,
+                first_cost: cost,
+                lead_ratio: None,
+                evidence_per_texel: 0.0,
+            }
         }));
     }
 
@@ -244,7 +393,9 @@ impl Detector {
                     let owner = &mut found[usize::from(run[0]) - 1];
                     if run.len() as f64 >= SAME_THING_MIN * count && owner.pose != fit.pose {
                         let lead = self.lead(owner, &fit);
-                        owner.lead = owner.lead.min(lead);
+                        if lead < owner.lead {
+                            (owner.lead, owner.rival) = (lead, Some((fit.pose, fit.fit)));
+                        }
                     }
                 }
                 continue;
@@ -270,9 +421,60 @@ impl Detector {
         symmetry != 0 && apart_rad > OTHER_YAW_TURNS * std::f64::consts::TAU / f64::from(symmetry) / sought.yaw_count()
     }
 
-    /// Fits parts again from where they were found: what has neighbours without what belongs to those, and what lies alone by
-    /// what is seen beside it too.
+    /// What the parts of each pose have in common in this frame: light, lens, and what the template does not tell.
+    fn beliefs(&self, view: &View, found: &[Found]) -> Vec<Belief> {
+        let belief = |pose: usize| {
+            let sought = &self.sought[pose];
+            let of_pose = |part: &Found| part.pose == pose && part.fit.cost <= ALIKE_COST_MAX;
+            let mut evidences: Vec<f32> =
+                found.iter().filter(|part| of_pose(part)).map(|part| part.fit.evidence).collect();
+            let usual = median(&mut evidences);
+            let alike: Vec<(usize, &Found)> = found
+                .iter()
+                .enumerate()
+                .filter(|(_, part)| of_pose(part) && part.fit.evidence >= ALIKE_EVIDENCE_RATIO * usual)
+                .collect();
+            if alike.len() < ALIKE_MIN {
+                return Belief { spread: LONE_SPREADS, ..Belief::open() };
+            }
+            let middle: Amounts = std::array::from_fn(|mode| {
+                let mut amounts: Vec<f32> = alike.iter().map(|(_, part)| part.fit.amounts[mode]).collect();
+                median(&mut amounts)
+            });
+            let mut added = Vec::new();
+            if alike.len() >= ADAPTED_MIN {
+                let seen: Vec<Vec<Option<f32>>> = alike
+                    .iter()
+                    .filter_map(|(index, part)| {
+                        let own = u16::try_from(index + 1).unwrap_or(u16::MAX);
+                        let owners = Owners { of: &self.owners, own, beside_sigma: SHADE_SIGMA };
+                        residuals(&self.segmentation, view, sought, &part.fit, &owners)
+                    })
+                    .collect();
+                added.resize(sought.outside_m.len(), 0.0);
+                let mut levels = Vec::new();
+                for (place, texel) in sought.texels.iter().enumerate() {
+                    levels.clear();
+                    levels.extend(seen.iter().filter_map(|seen| seen[place]));
+                    if levels.len() >= ADAPTED_MIN {
+                        added[*texel] = median(&mut levels);
+                    }
+                }
+            }
+            let spread = std::array::from_fn(|mode| {
+                let mut aside: Vec<f32> =
+                    alike.iter().map(|(_, part)| (part.fit.amounts[mode] - middle[mode]).abs()).collect();
+                median(&mut aside).max(PART_SPREADS[mode])
+            });
+            Belief { middle, spread, added, evidence: usual }
+        };
+        (0..self.sought.len()).map(belief).collect()
+    }
+
+    /// Fits parts again from where they were found, by what they have in common: without what belongs to neighbours, and what
+    /// lies alone by what is seen beside it too.
     fn fit_again(&self, view: &View, found: &mut [Found]) {
+        let beliefs = self.beliefs(view, found);
         let places: Vec<(Point2<f64>, f64)> =
             found.iter().map(|part| (part.fit.centre, self.sought[part.pose].radius_m)).collect();
         for (index, part) in found.iter_mut().enumerate() {
@@ -286,17 +488,57 @@ impl Detector {
             let own = u16::try_from(index + 1).unwrap_or(u16::MAX);
             let beside_sigma = if alone { FREE_SIGMA } else { SHADE_SIGMA };
             let owners = Owners { of: &self.owners, own, beside_sigma };
-            if let Some(fit) = refine(&self.segmentation, view, sought, part.fit, &owners, Fineness::Full) {
-                // What is seen beside tells where a part is, not what it is.
-                let told = if alone { part.fit } else { fit };
-                part.fit = Fit { cost: told.cost, evidence: told.evidence, ..fit };
+            let belief = &beliefs[part.pose];
+            if let Some(fit) = refine(&self.segmentation, view, sought, part.fit, &owners, belief, Fineness::Full) {
+                part.first_cost = part.fit.cost;
+                part.fit = fit;
+                let texels = sought.texels.len() as f32 * sought.texel_weight;
+                if let Some((pose, rival)) = part.rival {
+                    let (sought, belief) = (&self.sought[pose], &beliefs[pose]);
+                    let rival = refine(&self.segmentation, view, sought, rival, &owners, belief, Fineness::Full);
+                    part.lead = rival.map_or(f32::INFINITY, |rival| (fit.evidence - rival.evidence) / texels);
+                }
+                part.evidence_per_texel = fit.evidence / texels;
+                part.turned = turned_share(&self.segmentation, view, sought, &fit, &owners, belief);
+                part.weak = fit.evidence < WEAK_RATIO * belief.evidence;
+                part.in_company = belief.evidence > 0.0;
+                let unlike = |mode: usize| ((fit.amounts[mode] - belief.middle[mode]) / belief.spread[mode]).abs();
+                part.unlike = (0..LIGHT_MODES).chain([modes::SCALE]).map(unlike).fold(0.0, f32::max);
+            }
+        }
+        for pose in 0..self.sought.len() {
+            let counts =
+                |part: &Found| part.pose == pose && part.in_company && part.fit.cost <= 1.0 && part.lead.is_finite();
+            let mut leads: Vec<f32> = found.iter().filter(|part| counts(part)).map(|part| part.lead).collect();
+            if leads.len() < ALIKE_MIN {
+                continue;
+            }
+            let usual = median(&mut leads).max(LEAD_MIN);
+            for part in found.iter_mut().filter(|part| part.pose == pose) {
+                part.lead_ratio = Some(part.lead / usual);
             }
         }
     }
 
-    /// Where the tray frame shows something that no part found explains, further than `strip_px` from the plateau's edges.
-    pub(super) fn unexplained(&self, view: &View, strip_px: f64) -> Vec<Point2<f64>> {
+    /// Where the tray frame shows something that no part found covers, further than `strip_px` from the plateau's edges, and
+    /// how bright that is.
+    pub(super) fn uncovered(&self, view: &View, strip_px: f64) -> Vec<Uncovered> {
         self.segmentation.foreground_points(view, self.tray.plateau_height_m(), strip_px, &self.owners)
+    }
+
+    /// Pixels of the plateau, and those of them on which parts found lie.
+    pub(super) fn covered_px(&self) -> (usize, usize) {
+        let on_plateau = self.owners.iter().filter(|owner| **owner != NO_PART).count();
+        let of_parts = self.owners.iter().filter(|owner| **owner != NO_PART && **owner != 0).count();
+        (on_plateau, of_parts)
+    }
+
+    /// How the light in the frame looked at last compares with the one taught: on the plateau, and on the hub's top.
+    pub(super) fn light_ratios(&self) -> Option<(f64, Option<f64>)> {
+        let taught = self.plateau.taught?;
+        let frame = &self.segmentation;
+        let ratio = |level: f32, taught: f32| f64::from(level / taught.max(1.0));
+        Some((ratio(frame.light[0], taught.light[0]), frame.hub_level.map(|level| ratio(level, taught.hub_level))))
     }
 
     /// The outline of a part found, tray frame, counter-clockwise.
@@ -343,6 +585,12 @@ pub(super) fn yaw_difference_rad(a_rad: f64, b_rad: f64, symmetry: u32) -> f64 {
     let period = TAU / f64::from(symmetry.max(1));
     let difference = (a_rad - b_rad) / period;
     (difference - difference.round()) * period
+}
+
+/// The middle of some values; 0 without any.
+fn median(values: &mut [f32]) -> f32 {
+    values.sort_by(f32::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Calls `each` with the pixels of the window that a part covers.

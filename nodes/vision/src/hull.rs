@@ -18,6 +18,11 @@ pub(super) fn gap_m(a: &[Point2<f64>], b: &[Point2<f64>]) -> f64 {
 
 /// Distance of a point from a convex outline, m; 0 inside.
 pub(super) fn distance_m(outline: &[Point2<f64>], point: &Point2<f64>) -> f64 {
+    signed_distance_m(outline, point).max(0.0)
+}
+
+/// The same, and inside how far from the outline, below 0.
+pub(super) fn signed_distance_m(outline: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     let mut outside = outline.len() < 3;
     let mut nearest_m = f64::INFINITY;
     for (index, from) in outline.iter().enumerate() {
@@ -28,7 +33,7 @@ pub(super) fn distance_m(outline: &[Point2<f64>], point: &Point2<f64>) -> f64 {
         let share = if square > 0.0 { (along.dot(&beside) / square).clamp(0.0, 1.0) } else { 0.0 };
         nearest_m = nearest_m.min((beside - along * share).norm());
     }
-    if outside { nearest_m } else { 0.0 }
+    if outside { nearest_m } else { -nearest_m }
 }
 
 #[cfg(test)]

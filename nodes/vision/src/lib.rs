@@ -16,7 +16,9 @@ mod calibration;
 mod candidate;
 mod config;
 mod detector;
+mod health;
 mod hull;
+mod modes;
 mod overlay;
 mod picture;
 mod pose_history;
@@ -24,6 +26,7 @@ mod rule;
 mod search;
 mod segment;
 mod sought;
+mod surround;
 mod survey;
 mod teach;
 mod template;
@@ -45,11 +48,15 @@ pub use calibration::{
 };
 pub use candidate::Candidate;
 pub use config::SelectorConfig;
+pub use health::{FrameHealth, HealthCause, HealthWatch};
 pub use overlay::draw_overlay;
 pub use picture::{PictureError, RawPicture, binned, decode};
 pub use pose_history::{NoPose, PoseHistory, PoseHistoryConfig, TimedPose};
 pub use survey::{PICTURES_MIN, Thing, bare_plateau, things};
-pub use teach::{LaidPart, PoseSpec, TeachError, TeachFrame, TeachSpec, teach};
+pub use teach::{
+    Click, ClickDoubt, ClickLabel, ClickLesson, ClickedPicture, FittedClick, LaidPart, PoseSpec, TeachError,
+    TeachFrame, TeachSpec, fit_clicks, teach, teach_from_clicks,
+};
 pub use template::{PartModel, Plane, PoseTemplate};
 pub use track::{TrackedCandidate, TrackerConfig};
 
@@ -87,6 +94,7 @@ pub struct Selector {
     config: SelectorConfig,
     detector: Detector,
     tracker: Tracker,
+    health: FrameHealth,
 }
 
 impl Selector {
@@ -105,7 +113,7 @@ impl Selector {
         Self::check(&config, camera, tray, model)?;
         let symmetries = model.poses.iter().map(|pose| pose.yaw_symmetry).collect();
         let tracker = Tracker::new(config.tracker, symmetries);
-        Ok(Self { config, detector: Detector::new(camera, tray, model), tracker })
+        Ok(Self { config, detector: Detector::new(camera, tray, model), tracker, health: FrameHealth::default() })
     }
 
     /// Checks what a selector is made of.
@@ -161,7 +169,15 @@ impl Selector {
         let SelectorConfig { contrast_min_levels, miss_max, .. } = self.config;
         let found = self.detector.find(image, platen_from_tray, contrast_min_levels, single(miss_max))?;
         let view = self.detector.view(platen_from_tray);
-        Ok(candidate::judge(&self.detector, &view, &self.config, &found))
+        let (candidates, health) = candidate::judge(&self.detector, &view, &self.config, &found);
+        self.health = health;
+        Ok(candidates)
+    }
+
+    /// What the frame looked at last is worth.
+    #[must_use]
+    pub fn health(&self) -> &FrameHealth {
+        &self.health
     }
 
     /// Convex outline of a part as the selector sees it, tray frame, m.

@@ -1,8 +1,9 @@
 //! Where to look closer: the rings of brightness about a place tell, whatever the yaw, whether a part may lie there; of a part
 //! that does not look the same from all sides, a glance at all yaws tells where that is likeliest.
 
+use super::modes::{LIGHT_MODES, LightAmounts, added, clamped};
 use super::segment::{RELATIVE_UNITS, Segmentation};
-use super::sought::Sought;
+use super::sought::{Ring, Sought};
 use super::template::RING_MISS_MAX;
 
 /// Every so many pixels both ways a place is tried.
@@ -29,6 +30,8 @@ pub(super) struct Seed {
     /// Pixel of the window.
     pub column: usize,
     pub row: usize,
+    /// What the rings tell of the light.
+    pub light: LightAmounts,
 }
 
 /// Finds places; keeps its memory from frame to frame.
@@ -43,6 +46,8 @@ pub(super) struct Search {
     at_border: Vec<bool>,
     /// For each pose and place, its mean square miss.
     misses: Vec<Vec<f32>>,
+    /// For each pose and place looked at, what the rings tell of the light.
+    lights: Vec<Vec<LightAmounts>>,
     /// For each place, what a glance at a pose misses.
     glances: Vec<f32>,
     /// Places in a row of the latest frame.
@@ -72,6 +77,7 @@ impl Search {
             occupied: Vec::new(),
             at_border: Vec::new(),
             misses: vec![Vec::new(); sought.len()],
+            lights: vec![Vec::new(); sought.len()],
             glances: Vec::new(),
             columns: 0,
         }
@@ -88,6 +94,7 @@ impl Search {
             misses.clear();
             misses.resize(columns * rows, f32::INFINITY);
         }
+        self.lights.iter_mut().for_each(|lights| lights.resize(columns * rows, [0.0; LIGHT_MODES]));
         let offsets: Vec<isize> = self
             .places
             .iter()
@@ -113,11 +120,13 @@ impl Search {
                 } else {
                     self.sum_rings_at_border(frame, x, y, &mut summed);
                 }
-                for (misses, sought) in self.misses.iter_mut().zip(sought) {
+                for ((misses, lights), sought) in self.misses.iter_mut().zip(&mut self.lights).zip(sought) {
+                    let light = light(&sought.rings, &summed);
+                    lights[place] = light;
                     let (mut miss, mut weight) = (0.0, 0.0);
                     let rings = sought.rings.iter().zip(&summed);
                     for (ring, sum) in rings.filter(|(_, sum)| sum.hidden <= RING_HIDDEN_MAX) {
-                        let difference = sum.mean - ring.mean - ring.wall_shade * sum.wall_shade;
+                        let difference = difference(ring, sum) - added(&ring.effect, &light);
                         let variance = ring.variance + noise + ring.variance_along * sum.hidden;
                         miss += ring.weight * (difference * difference / variance).min(RING_MISS_MAX);
                         weight += ring.weight;
@@ -128,20 +137,33 @@ impl Search {
         }
         self.columns = columns;
         let mut seeds = Vec::new();
-        for (pose, (misses, sought)) in self.misses.iter().zip(sought).enumerate() {
+        for (pose, ((misses, lights), sought)) in self.misses.iter().zip(&self.lights).zip(sought).enumerate() {
             let ring_miss_max = sought.template.ring_miss_max;
-            if sought.template.yaw_symmetry == 0 {
-                minima(misses, columns, ring_miss_max, pose, &mut seeds);
-                continue;
-            }
+            let seed = |place: usize| {
+                let (column, row) = (place % columns * STRIDE, place / columns * STRIDE);
+                Seed { pose, column, row, light: lights[place] }
+            };
+            // Next to a part rings fit as well, in a light that is less likely.
+            let doubt = |place: usize| {
+                lights[place].iter().map(|amount| amount * amount).sum::<f32>() / sought.rings.len() as f32
+            };
+            let turns = sought.template.yaw_symmetry != 0;
             self.glances.clear();
-            self.glances.extend(misses.iter().enumerate().map(|(place, miss)| {
-                let seed = Seed { pose, column: place % columns * STRIDE, row: place / columns * STRIDE };
-                if *miss <= ring_miss_max { glance(seed) } else { f32::INFINITY }
+            self.glances.extend(misses.iter().enumerate().map(|(place, miss)| match *miss <= ring_miss_max {
+                false => f32::INFINITY,
+                true if turns => glance(seed(place)) + doubt(place),
+                true => miss + doubt(place),
             }));
-            minima(&self.glances, columns, f32::MAX, pose, &mut seeds);
+            seeds.extend(minima(&self.glances, columns, f32::MAX).map(seed));
         }
         seeds
+    }
+
+    /// What the rings about a pixel of the window tell of the light, if a part in this pose lies there.
+    pub(super) fn light_at(&self, frame: &Segmentation, sought: &Sought, column: usize, row: usize) -> LightAmounts {
+        let mut summed = vec![RingSum::default(); self.ends.len()];
+        self.sum_rings_at_border(frame, column, row, &mut summed);
+        light(&sought.rings, &summed)
     }
 
     /// The least mean square miss of a pose in the latest frame within a place of a pixel of the window.
@@ -196,19 +218,35 @@ impl Search {
     }
 }
 
+/// By how much a ring is brighter than the template's.
+fn difference(ring: &Ring, sum: &RingSum) -> f32 {
+    sum.mean - ring.mean - ring.wall_shade * sum.wall_shade
+}
+
+/// What the rings that are seen tell of the light.
+fn light(rings: &[Ring], summed: &[RingSum]) -> LightAmounts {
+    let mut light = [0.0; LIGHT_MODES];
+    for (ring, sum) in rings.iter().zip(summed).filter(|(_, sum)| sum.hidden <= RING_HIDDEN_MAX) {
+        let difference = difference(ring, sum);
+        light.iter_mut().zip(ring.amounts).for_each(|(amount, told)| *amount += told * difference);
+    }
+    light.map(clamped)
+}
+
 /// Places where no neighbour misses by less, and the place itself by at most `miss_max`.
-fn minima(misses: &[f32], columns: usize, miss_max: f32, pose: usize, seeds: &mut Vec<Seed>) {
+fn minima(misses: &[f32], columns: usize, miss_max: f32) -> impl Iterator<Item = usize> {
     let near = |index: usize, size: usize| index.saturating_sub(1)..(index + 2).min(size);
     let rows = misses.len() / columns.max(1);
-    for (place, here) in misses.iter().enumerate().filter(|(_, miss)| **miss <= miss_max) {
+    let least = move |(place, here): (usize, &f32)| {
         let (row, column) = (place / columns, place % columns);
         let mut others =
             near(row, rows).flat_map(|row| near(column, columns).map(move |column| row * columns + column));
         // Of equals the first counts.
-        if others.all(|other| misses[other] > *here || (misses[other] >= *here && other >= place)) {
-            seeds.push(Seed { pose, column: column * STRIDE, row: row * STRIDE });
-        }
-    }
+        let least = *here <= miss_max
+            && others.all(|other| misses[other] > *here || (misses[other] >= *here && other >= place));
+        least.then_some(place)
+    };
+    misses.iter().enumerate().filter_map(least)
 }
 
 /// Marks the cells within `spread` cells, across or along, of one with a pixel that `counts`.

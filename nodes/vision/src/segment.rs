@@ -22,6 +22,13 @@ const BACKGROUND_RATIO_MIN: f64 = 0.15;
 const CLIPPED_RATIO_MAX: f64 = 0.5;
 /// Foreground differs from background by more than this many standard deviations of the background.
 const SIGMAS: f32 = 5.0;
+/// Relative misses beyond which a pixel tells nothing of the walls' shade, from fit to fit; every so many pixels both ways one
+/// takes part, and so many bins on both sides of one are taken together.
+const SHADE_LIMITS: [f32; 2] = [0.15, 0.08];
+const SHADE_STRIDE: usize = 2;
+const SHADE_POOL: usize = 2;
+/// Share of the plateau that must look as expected of the taught light; otherwise the light is found from the frame alone.
+const EXPECTED_RATIO_MIN: f64 = 0.5;
 /// Bins across the plateau's width for what the walls do to the light.
 pub(super) const RADIAL_BINS: usize = 200;
 
@@ -57,6 +64,17 @@ impl Plateau {
     }
 }
 
+/// A point of what lies on the plateau and belongs to no part.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Uncovered {
+    /// Tray frame, m.
+    pub place: Point2<f64>,
+    /// Brightness above the plateau's, relative to it.
+    pub level: f32,
+    /// Pixels that it stands for.
+    pub px: usize,
+}
+
 /// A frame taken apart.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Segmentation {
@@ -67,13 +85,21 @@ pub(super) struct Segmentation {
     pub bins: Vec<u8>,
     /// What the walls make of the light at each pixel.
     shade: Vec<f32>,
+    /// Direction of each pixel from the tray's centre, in the platen's axes.
+    outward: Vec<[f32; 2]>,
     /// Brightness above that of a bare plateau out of the walls' shade, relative to it, in units of [`RELATIVE_UNITS`]; 0 off
     /// the plateau.
     pub relative: Vec<i16>,
     /// Standard deviation of that on the bare plateau, 1.
     pub sigma: f32,
+    /// By how much something differs from the plateau's brightness, relative to it, to stand out.
+    pub threshold: f32,
     /// The light as in [`TaughtLight::light`].
     pub light: [f32; 6],
+    /// Grey level of the hub's top, if that is seen.
+    pub hub_level: Option<f32>,
+    /// Share of the plateau's pixels that are quite black or quite white.
+    pub clipped_ratio: f64,
     /// 1 where something lies on the plateau.
     pub foreground: Vec<u8>,
     blobs: Blobs,
@@ -96,24 +122,32 @@ impl Segmentation {
         let window = self.window;
         self.bins.resize(window.len(), 0);
         self.shade.resize(window.len(), 1.0);
+        self.outward.resize(window.len(), [0.0; 2]);
         self.smooth.resize(window.len(), 0);
         self.relative.resize(window.len(), 0);
         self.foreground.resize(window.len(), 0);
         let rows = self.bins.chunks_mut(window.width).zip(self.shade.chunks_mut(window.width));
-        for (row, (bins, shade)) in rows.enumerate() {
-            rays.plateau_row(view, window, row, bin_m, &plateau.shade, bins, shade);
+        let rows = rows.zip(self.outward.chunks_mut(window.width));
+        for (row, ((bins, shade), outward)) in rows.enumerate() {
+            rays.plateau_row(view, window, row, bin_m, &plateau.shade, bins, shade, outward);
         }
         smooth(image, window, &mut self.smooth);
         let across = Across { width: image.width() as usize, height: image.height() as usize, window };
         // Parts hide the plateau, and shade what they leave of it, but not the hub.
+        self.hub_level = hub_level(view, image);
         let expected = plateau.taught.map(|taught| {
-            let change = hub_level(view, image).map_or(1.0, |level| level / taught.hub_level);
+            let change = self.hub_level.map_or(1.0, |level| level / taught.hub_level);
             taught.light.map(|coefficient| coefficient * change)
         });
-        let (light, sigma_levels) = self.fit_light(&across, expected)?;
+        let (light, sigma_levels, clipped_ratio) = self.fit_light(&across, expected)?;
+        self.clipped_ratio = clipped_ratio;
         self.light = light;
         self.sigma = sigma_levels / light[0].max(1.0);
+        if plateau.taught.is_some() {
+            self.follow_shade(&across, &light);
+        }
         let threshold = single(contrast_min_levels).max(SIGMAS * sigma_levels);
+        self.threshold = threshold / light[0].max(1.0);
         for row in 0..window.height {
             let range = row * window.width..(row + 1) * window.width;
             let outputs = self.relative[range.clone()].iter_mut().zip(&mut self.foreground[range.clone()]);
@@ -134,8 +168,47 @@ impl Segmentation {
         Ok(())
     }
 
-    /// The light, and the standard deviation about it in grey levels.
-    fn fit_light(&self, across: &Across, expected: Option<[f32; 6]>) -> Result<([f32; 6], f32), ImageFault> {
+    /// Follows what the walls make of this frame's light where that differs from what was taught: for each radial bin a
+    /// constant and a share by direction, fitted to what looks like plateau.
+    fn follow_shade(&mut self, across: &Across, light: &[f32; 6]) {
+        let width = self.window.width;
+        for limit in SHADE_LIMITS {
+            let mut sums = vec![PlateauSums::default(); RADIAL_BINS + 1];
+            for row in (0..self.window.height).step_by(SHADE_STRIDE) {
+                let levels = across.light_row(light, row);
+                for (column, level) in levels.enumerate().step_by(SHADE_STRIDE) {
+                    let index = row * width + column;
+                    let bin = usize::from(self.bins[index]);
+                    let miss = f32::from(self.smooth[index]) / (LEVELS * level.max(1.0)) - self.shade[index];
+                    if bin > 0 && miss.abs() < limit {
+                        let weight = f64::from(1.0 - (miss / limit).powi(2));
+                        let [x, y] = self.outward[index].map(f64::from);
+                        let basis = nalgebra::Vector3::new(1.0, x, y);
+                        sums[bin].normal += basis * basis.transpose() * weight;
+                        sums[bin].target += basis * (weight * f64::from(miss));
+                    }
+                }
+            }
+            let ridge = nalgebra::Matrix3::from_diagonal(&nalgebra::Vector3::new(10.0, 30.0, 30.0));
+            let change = |bin: usize| {
+                let near = &sums[bin.saturating_sub(SHADE_POOL).max(1)..(bin + SHADE_POOL + 1).min(sums.len())];
+                let mut pooled = PlateauSums { normal: ridge, ..PlateauSums::default() };
+                for sums in near {
+                    pooled.normal += sums.normal;
+                    pooled.target += sums.target;
+                }
+                pooled.normal.cholesky().map_or([0.0; 3], |factors| factors.solve(&pooled.target).map(single).into())
+            };
+            let changes: Vec<[f32; 3]> = (0..sums.len()).map(change).collect();
+            for ((shade, bin), [x, y]) in self.shade.iter_mut().zip(&self.bins).zip(&self.outward) {
+                let [constant, per_x, per_y] = changes[usize::from(*bin).min(RADIAL_BINS)];
+                *shade += constant + per_x * x + per_y * y;
+            }
+        }
+    }
+
+    /// The light, the standard deviation about it in grey levels, and the share of the plateau that is clipped.
+    fn fit_light(&self, across: &Across, expected: Option<[f32; 6]>) -> Result<([f32; 6], f32, f64), ImageFault> {
         let window = self.window;
         let mut samples = Vec::with_capacity(window.len() / (FIT_STRIDE * FIT_STRIDE));
         let mut histogram = [0_usize; 256];
@@ -156,12 +229,15 @@ impl Segmentation {
             return Err(ImageFault::PlateauOutOfView);
         }
         let share = |count_of: usize| count_of as f64 / count as f64;
-        if share(histogram[..4].iter().sum()) > CLIPPED_RATIO_MAX {
+        let black_ratio = share(histogram[..4].iter().sum());
+        let white_ratio = share(histogram[252..].iter().sum());
+        if black_ratio > CLIPPED_RATIO_MAX {
             return Err(ImageFault::UnderExposed);
         }
-        if share(histogram[252..].iter().sum()) > CLIPPED_RATIO_MAX {
+        if white_ratio > CLIPPED_RATIO_MAX {
             return Err(ImageFault::OverExposed);
         }
+        let clipped_ratio = black_ratio + white_ratio;
         let (mut quadratic, limits, inertia) = match expected {
             None => ([mode(&histogram), 0.0, 0.0, 0.0, 0.0, 0.0], &FIT_LIMITS[..], 1e-3),
             Some(expected) => (expected, &FIT_LIMITS[FIT_LIMITS.len() - 2..], FIT_INERTIA),
@@ -193,6 +269,12 @@ impl Segmentation {
                 *coefficient += change;
             }
         }
+        if expected.is_some() && share(inliers) < EXPECTED_RATIO_MIN {
+            let alone = self.fit_light(across, None);
+            if alone.is_ok() {
+                return alone;
+            }
+        }
         if expected.is_none() && share(inliers) < BACKGROUND_RATIO_MIN {
             return Err(ImageFault::NoBackground);
         }
@@ -207,16 +289,18 @@ impl Segmentation {
         }
         // The lower quartile of a normal distribution's absolute deviations: what is in the shade of parts deviates more.
         let sigma_levels = 3.1384 * (lower_quartile_bin(&deviations).unwrap_or(0) as f32 + 0.5) / LEVELS;
-        Ok((quadratic, sigma_levels))
+        Ok((quadratic, sigma_levels, clipped_ratio))
     }
 
-    /// What is learned of the bare plateau from a frame without parts: the level, and for each radial bin the sums of
-    /// 1, cos θ, sin θ and of their squares and products with the relative brightness are added to `sums`.
-    pub(super) fn learn_plateau(&self, view: &View, sums: &mut [PlateauSums]) {
+    /// What is learned of the bare plateau from a frame, all of it or only further than `margin_px` from what stands out: for
+    /// each radial bin the sums of 1, cos θ, sin θ and of their squares and products with the relative brightness are added
+    /// to `sums`.
+    pub(super) fn learn_plateau(&self, view: &View, margin_px: Option<usize>, sums: &mut [PlateauSums]) {
         let window = self.window;
         let yaw = view.platen_from_tray.rotation;
+        let near = margin_px.map(|margin_px| self.near_foreground(margin_px));
         for (index, bin) in self.bins.iter().enumerate() {
-            if *bin == 0 {
+            if *bin == 0 || near.as_ref().is_some_and(|near| near[index]) {
                 continue;
             }
             let pixel =
@@ -233,16 +317,30 @@ impl Segmentation {
         }
     }
 
-    /// Where the tray frame shows foreground that has no owner, further than `strip_px` from the plateau's edges: both ends
-    /// of every run of pixels, and points between them.
+    /// The pixels within a square of foreground.
+    fn near_foreground(&self, margin_px: usize) -> Vec<bool> {
+        let width = self.window.width;
+        let mut near = vec![false; self.foreground.len()];
+        for index in (0..self.foreground.len()).filter(|index| self.foreground[*index] != 0) {
+            let (row, column) = (index / width, index % width);
+            for row in row.saturating_sub(margin_px)..(row + margin_px + 1).min(self.window.height) {
+                let start = row * width;
+                near[start + column.saturating_sub(margin_px)..start + (column + margin_px + 1).min(width)].fill(true);
+            }
+        }
+        near
+    }
+
+    /// Where the tray frame shows foreground that has no owner, further than `strip_px` from the plateau's edges, and how
+    /// bright it is there, relative to the plateau: both ends of every run of pixels, and points between them.
     pub(super) fn foreground_points(
         &self,
         view: &View,
         height_m: f64,
         strip_px: f64,
         owners: &[u16],
-    ) -> Vec<Point2<f64>> {
-        const SPACING: usize = 4;
+    ) -> Vec<Uncovered> {
+        const SPACING: usize = 1;
         let width = self.window.width;
         let strip_m = strip_px * view.camera.m_per_px(height_m);
         let geometry = &view.tray.geometry;
@@ -253,15 +351,24 @@ impl Segmentation {
             let mut column = 0;
             while let Some(start) = (column..width).find(|column| open(*column)) {
                 column = (start..width).find(|column| !open(*column)).unwrap_or(width);
+                let mut counted = start;
                 for place in (start..column - 1).step_by(SPACING).chain([column - 1]) {
-                    let place = Point2::new((self.window.left + place) as f64, (self.window.top + row) as f64);
-                    let Some(point) = view.tray_point(place, height_m) else {
+                    let pixel = Point2::new((self.window.left + place) as f64, (self.window.top + row) as f64);
+                    let Some(point) = view.tray_point(pixel, height_m) else {
                         continue;
                     };
                     let radius_m = point.coords.norm();
                     let from_walls_m = (geometry.outer_radius_m - radius_m).min(radius_m - geometry.inner_radius_m);
                     if from_walls_m.min(view.tray.inside_sector_m(point)) > strip_m {
-                        points.push(point);
+                        // At its ends a thing is blurred: it is as bright as what follows.
+                        let near = place.max(start + 1) - 1..(place + 2).min(column);
+                        let levels = near.map(|column| {
+                            let index = row * width + column;
+                            f32::from(self.relative[index]) / RELATIVE_UNITS - self.wall_shade(index)
+                        });
+                        let level = levels.fold(0.0_f32, |a, b| if b.abs() > a.abs() { b } else { a });
+                        points.push(Uncovered { place: point, level, px: (place + 1).saturating_sub(counted) });
+                        counted = place + 1;
                     }
                 }
             }

@@ -2,22 +2,29 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::{Matrix2, Point2, Rotation2, Vector2};
+use nalgebra::{Matrix2, Point2, Rotation2, SMatrix, SVector, Vector2};
 
-use super::hull::distance_m;
+use super::hull::signed_distance_m;
+use super::modes::{self, Amounts, LIGHT_MODES, LightAmounts};
 use super::template::{Aspect, PoseTemplate};
 use feeder_model::camera::{CameraModel, MountedTray, single};
 
 /// Width of the strip round the part that is compared too, px: the edge, and what it stands out from.
 const RIM_PX: f64 = 1.8;
+/// How far inside and outside the outline the lens lets see of both, px.
+const EDGE_PX: f64 = 1.0;
 /// What no template reproduces of a part, and of what lies beside it among others and alone, relative to the plateau's
 /// brightness.
-const MODEL_SIGMA: f32 = 0.012;
+const MODEL_SIGMA: f32 = 0.02;
 pub(super) const SHADE_SIGMA: f32 = 0.12;
 pub(super) const FREE_SIGMA: f32 = 0.02;
 /// What bare floor may look like: hardly brighter than it is, but darker by far in the shade of parts.
 pub(super) const BARE_BRIGHT_SIGMA: f32 = 0.12;
 pub(super) const BARE_DARK_SIGMA: f32 = 0.3;
+/// The same where nothing shades it: stains and mottling.
+pub(super) const BARE_PLAIN_SIGMA: f32 = 0.03;
+/// By how much edges are elsewhere than in the template, or less sharp, px.
+const EDGE_MISS_PX: f32 = 0.2;
 /// Most points compared in the coarse search and in the fine one.
 const COARSE_POINTS_MAX: usize = 100;
 const FINE_POINTS_MAX: usize = 500;
@@ -44,15 +51,21 @@ pub(super) struct Ring {
     pub variance_along: f32,
     /// What the ring counts.
     pub weight: f32,
+    /// What the modes of light add to it.
+    pub effect: LightAmounts,
+    /// What each unit by which it is brighter tells of those modes' amounts, under the noise of the latest frame.
+    pub amounts: LightAmounts,
 }
 
 /// A point of the coarse search.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CoarsePoint {
     /// Place beside the centre, px.
-    pub column: isize,
-    pub row: isize,
+    pub column: i16,
+    pub row: i16,
     pub value: f32,
+    /// What the modes of light add to that.
+    pub effect: LightAmounts,
     /// Share of the walls' shade that lies on it.
     pub wall_shade: f32,
     pub variance: f32,
@@ -87,8 +100,14 @@ pub(super) struct Sought {
     pub texel_weight: f32,
     /// What the noise of the latest frame alone makes a part miss, mean square in standard deviations: below 1.
     pub noise_miss: f32,
-    /// For each texel how far outside the outline it lies, m; 0 inside.
+    /// For each texel how far outside the outline it lies, m; below 0 inside.
     pub outside_m: Vec<f32>,
+    /// For each texel the share of it that shows the part and not what lies beside, 0 to 1, as sharp as the lens is.
+    pub inside: Vec<f32>,
+    /// Variance by which each texel misses because edges are where they are, and as sharp as they are, only about.
+    pub edge_variance: Vec<f32>,
+    /// What light and lens may add to each texel.
+    pub effects: Vec<Amounts>,
     /// The outline, round ones with fewer corners than the drawing has, m.
     pub outline_m: Vec<Point2<f64>>,
     /// Greatest distance of the outline from the centre, m.
@@ -112,10 +131,24 @@ impl Sought {
             texel_weight: 1.0,
             noise_miss: 0.0,
             outside_m: outside_m(template),
+            inside: Vec::new(),
+            effects: Vec::new(),
+            edge_variance: Vec::new(),
             outline_m: template.outline_m.clone(),
             radius_m,
             m_per_px,
         };
+        let edge_m = single(2.0 * EDGE_PX * m_per_px);
+        sought.inside = sought.outside_m.iter().map(|outside_m| (0.5 - outside_m / edge_m).clamp(0.0, 1.0)).collect();
+        let texels_per_px = single(m_per_px / template.texel_m);
+        let outside_px: Vec<f32> = sought.outside_m.iter().map(|outside_m| outside_m / single(m_per_px)).collect();
+        let mean = template.mean();
+        let edge = |index: usize| {
+            let (x, y) = gradient(&mean, template.side(), index);
+            (EDGE_MISS_PX * texels_per_px).powi(2) * (x * x + y * y)
+        };
+        sought.edge_variance = (0..mean.len()).map(edge).collect();
+        sought.effects = modes::effects(template, &template.mean(), &sought.inside, &outside_px, texels_per_px);
         sought.texels = sought.within(RIM_PX * m_per_px);
         let all = sought.texels.len() as f32;
         thin(&mut sought.texels, FINE_POINTS_MAX);
@@ -163,7 +196,7 @@ impl Sought {
                 let place = into_part * Vector2::new(column, row);
                 if let Some(index) = self.texel(place).filter(|index| self.outside_m[*index] <= rim_m) {
                     #[expect(clippy::cast_possible_truncation, reason = "a few dozen pixels")]
-                    let (column, row) = (column as isize, row as isize);
+                    let (column, row) = (column as i16, row as i16);
                     let variance = self.variance(index, SHADE_SIGMA) + self.displacement_variance(&picture, index);
                     let (value, wall_shade) = (picture[index], self.template.wall_shade.values()[index]);
                     let (inverse_sigma, log_inverse_sigma) = (0.0, 0.0);
@@ -171,6 +204,7 @@ impl Sought {
                         column,
                         row,
                         value,
+                        effect: modes::of_light(&self.effects[index]),
                         wall_shade,
                         variance,
                         inverse_sigma,
@@ -197,6 +231,18 @@ impl Sought {
             point.inverse_sigma = 1.0 / (point.variance + variance).sqrt();
             point.log_inverse_sigma = point.inverse_sigma.ln();
         }
+        // Least squares with the modes' spreads for a belief: the amounts are these sums over what the rings miss.
+        let mut normal = SMatrix::<f32, LIGHT_MODES, LIGHT_MODES>::identity();
+        for ring in &self.rings {
+            let effect = SVector::from(ring.effect);
+            normal += effect * effect.transpose() / (ring.variance + variance);
+        }
+        if let Some(factors) = normal.cholesky() {
+            for ring in &mut self.rings {
+                ring.amounts = factors.solve(&SVector::from(ring.effect)).into();
+                ring.amounts.iter_mut().for_each(|amount| *amount /= ring.variance + variance);
+            }
+        }
     }
 
     /// Texels that show the part, or lie within `rim_m` of it.
@@ -207,8 +253,11 @@ impl Sought {
     /// Variance of a texel about the template, with `beside_sigma` for what lies beside the part: it may be in the shade of
     /// neighbours.
     pub(super) fn variance(&self, index: usize, beside_sigma: f32) -> f32 {
-        let shade = if self.outside_m[index] > 0.0 { beside_sigma } else { MODEL_SIGMA };
-        self.template.deviation.values()[index].powi(2) + shade * shade
+        let beside = (1.0 - self.inside[index]) * beside_sigma;
+        self.template.deviation.values()[index].powi(2)
+            + MODEL_SIGMA * MODEL_SIGMA
+            + beside * beside
+            + self.edge_variance[index]
     }
 
     /// What a third of a pixel beside changes, squared: the coarse search is no more exact than that.
@@ -237,6 +286,7 @@ impl Sought {
             let radius_m = rings.len() as f64 * self.m_per_px;
             let (mut sum, mut level_square, mut shade) = (0.0, 0.0, 0.0);
             let (mut square, mut within, mut count) = (0.0, 0.0, 0.0_f32);
+            let mut effect = [0.0; LIGHT_MODES];
             for spoke in 0..SPOKES {
                 let (sin, cos) = (TAU * spoke as f64 / SPOKES as f64).sin_cos();
                 let Some(index) = self.texel(Vector2::new(cos, sin) * radius_m) else {
@@ -247,6 +297,7 @@ impl Sought {
                 shade += wall_shade[index];
                 square += deviation[index] * deviation[index];
                 within += f32::from(u8::from(self.outside_m[index] <= 0.0));
+                effect.iter_mut().zip(self.effects[index]).for_each(|(sum, effect)| *sum += effect);
                 count += 1.0;
             }
             let count = count.max(1.0);
@@ -256,7 +307,9 @@ impl Sought {
             let weight = (rings.len() as f32 + 0.25).sqrt();
             let mean = sum / count;
             let variance_along = (level_square / count - mean * mean).max(0.0);
-            rings.push(Ring { mean, wall_shade: shade / count, variance, variance_along, weight });
+            let effect = effect.map(|sum| sum / count);
+            let amounts = [0.0; LIGHT_MODES];
+            rings.push(Ring { mean, wall_shade: shade / count, variance, variance_along, weight, effect, amounts });
         }
         // A ring summed beside the centre sees something of its neighbours.
         let means: Vec<f32> = rings.iter().map(|ring| ring.mean).collect();
@@ -310,7 +363,7 @@ pub(super) fn gradient(picture: &[f32], side: usize, index: usize) -> (f32, f32)
 
 /// How far outside the outline each texel lies, m.
 fn outside_m(template: &PoseTemplate) -> Vec<f32> {
-    let outside = |index: usize| single(distance_m(&template.outline_m, &Point2::from(template.place_m(index))));
+    let outside = |index: usize| single(signed_distance_m(&template.outline_m, &Point2::from(template.place_m(index))));
     (0..template.deviation.values().len()).map(outside).collect()
 }
 

@@ -17,6 +17,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::segment::{Plateau, RADIAL_BINS, TaughtLight};
+use super::surround::{DIRECTIONS, DISTANCES, Surround};
 use feeder_model::camera::single;
 use feeder_model::range::OutOfRange;
 
@@ -122,10 +123,17 @@ pub struct PoseTemplate {
     pub slant_yy: Plane,
     /// Share of the walls' shade on the plateau that lies on what is seen: 0 for none of it, 1 for the plateau itself.
     pub wall_shade: Plane,
+    /// Evidence, for each texel, below which something that fits is no part: a stain, faint as it is, is fitted by much.
+    pub evidence_min: f32,
     /// Standard deviation about all that.
     pub deviation: Plane,
-    /// How far beyond its outline the part shades the plateau so that it shows, m.
-    pub shade_reach_m: f64,
+    /// How far below the surface a texel may lie, 0 to 1: recesses are dark under one light and lit under another.
+    pub recess: Plane,
+    /// Brightness of what parts have round them, relative to the plateau's: for each pixel of distance from the outline a row
+    /// of directions on the platen.
+    pub surround: Plane,
+    /// Scatter of that from part to part.
+    pub surround_scatter: Plane,
     /// Convex outline in the part's directions, counter-clockwise, m: what a gripper must reach round.
     #[schemars(with = "Vec<[f64; 2]>")]
     pub outline_m: Vec<Point2<f64>>,
@@ -208,6 +216,18 @@ impl PoseTemplate {
         self.at_yaws.len().saturating_sub(1)
     }
 
+    /// What parts have round them.
+    pub(super) fn surround(&self) -> Surround {
+        Surround::new(&self.surround.values, &self.surround_scatter.values)
+    }
+
+    /// The same, as it was learned.
+    pub(super) fn set_surround(&mut self, surround: &Surround) {
+        let (levels, scatter) = surround.planes();
+        self.surround = Plane::new(DIRECTIONS, levels);
+        self.surround_scatter = Plane::new(DIRECTIONS, scatter);
+    }
+
     /// Mean over all yaws, seen from straight above.
     pub(super) fn mean(&self) -> Vec<f32> {
         let share = 1.0 / self.at_yaws.len().max(1) as f32;
@@ -227,6 +247,11 @@ impl PoseTemplate {
 
     fn slant_planes(&self) -> [&Plane; SLANT_PLANES] {
         [&self.slant_x, &self.slant_y, &self.slant_xx, &self.slant_xy, &self.slant_yy]
+    }
+
+    /// The pictures in the order in which a lesson learns them: at yaws, by slant, by the walls' shade.
+    pub(super) fn planes(&self) -> Vec<&Plane> {
+        self.at_yaws.iter().chain(self.slant_planes()).chain([&self.wall_shade]).collect()
     }
 
     /// The picture expected under an aspect, whose yaw lies within a period: brightness above the plateau's.
@@ -267,8 +292,13 @@ impl PoseTemplate {
         OutOfRange::unless(miss_ok, "part_model.poses.ring_miss_max", self.ring_miss_max.into(), "0 to 9")?;
         let miss_ok = (0.01..=16.0).contains(&self.miss_max);
         OutOfRange::unless(miss_ok, "part_model.poses.miss_max", self.miss_max.into(), "0.01 to 16")?;
-        let shade_ok = (0.0..=0.1).contains(&self.shade_reach_m);
-        OutOfRange::unless(shade_ok, "part_model.poses.shade_reach_m", self.shade_reach_m, "0 to 0.1 m")?;
+        let evidence_ok = (-16.0..=16.0).contains(&self.evidence_min);
+        OutOfRange::unless(evidence_ok, "part_model.poses.evidence_min", self.evidence_min.into(), "-16 to 16")?;
+        for plane in [&self.surround, &self.surround_scatter] {
+            let size_ok = plane.width == DIRECTIONS && plane.values.len() == DIRECTIONS * DISTANCES;
+            let allowed = "16 rows of 24 entries";
+            OutOfRange::unless(size_ok, "part_model.poses.surround", plane.width as f64, allowed)?;
+        }
         let texel_ok = (1e-6..=0.01).contains(&self.texel_m);
         OutOfRange::unless(texel_ok, "part_model.poses.texel_m", self.texel_m, "1e-6 to 0.01 m")?;
         let side = self.side();
@@ -287,7 +317,7 @@ impl PoseTemplate {
             yaws as f64,
             "1 picture without a yaw, 2 to 64 with one",
         )?;
-        for plane in self.slant_planes().into_iter().chain([&self.wall_shade]).chain(&self.at_yaws) {
+        for plane in self.slant_planes().into_iter().chain([&self.wall_shade, &self.recess]).chain(&self.at_yaws) {
             OutOfRange::unless(plane.is_square(side), "part_model.poses", plane.width as f64, "pictures of one size")?;
         }
         let reach_m = self.outline_m.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max);

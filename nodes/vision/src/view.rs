@@ -120,9 +120,9 @@ impl RayTable {
     }
 
     /// For each pixel of a row of the window: 0 off the plateau and where the hub or the outer wall hides it, otherwise 1 +
-    /// the distance from the inner wall in units of `bin_m`; and what the walls make of the light there, as `profile` tells
-    /// by this bin.
-    #[expect(clippy::too_many_arguments, reason = "two inputs and two outputs, row by row")]
+    /// the distance from the inner wall in units of `bin_m`; what the walls make of the light there, as `profile` tells by
+    /// this bin; and the direction from the tray's centre, in the platen's axes.
+    #[expect(clippy::too_many_arguments, reason = "two inputs and three outputs, row by row")]
     pub(super) fn plateau_row(
         &self,
         view: &View,
@@ -132,6 +132,7 @@ impl RayTable {
         profile: &[[f32; 3]],
         bins: &mut [u8],
         shades: &mut [f32],
+        outwards: &mut [[f32; 2]],
     ) {
         let single = feeder_model::camera::single;
         let geometry = &view.tray.geometry;
@@ -150,7 +151,7 @@ impl RayTable {
         let start = (window.top + row) * self.width + window.left;
         let rays = self.x[start..start + window.width].iter().zip(&self.y[start..start + window.width]);
         let (yaw_cos, yaw_sin) = (single(yaw.re), single(yaw.im));
-        for ((bin, shade), (ray_x, ray_y)) in bins.iter_mut().zip(shades).zip(rays) {
+        for (((bin, shade), outward), (ray_x, ray_y)) in bins.iter_mut().zip(shades).zip(outwards).zip(rays) {
             let (along_x, along_y) = (cos * ray_x + sin * ray_y, cos * ray_y - sin * ray_x);
             let (x, y) = (eye.x + along_x, eye.y + along_y);
             let radius = (x * x + y * y).sqrt();
@@ -165,8 +166,9 @@ impl RayTable {
             *bin = if inside { distance.saturating_add(1) } else { 0 };
             let [constant, cos, sin] = profile.get(usize::from(*bin)).copied().unwrap_or([1.0, 0.0, 0.0]);
             // The direction from the tray's centre, in the platen's axes.
-            let across = cos * (yaw_cos * x - yaw_sin * y) + sin * (yaw_sin * x + yaw_cos * y);
-            *shade = constant + across / radius.max(1e-6);
+            let per_m = 1.0 / radius.max(1e-6);
+            *outward = [(yaw_cos * x - yaw_sin * y) * per_m, (yaw_sin * x + yaw_cos * y) * per_m];
+            *shade = constant + cos * outward[0] + sin * outward[1];
         }
     }
 }

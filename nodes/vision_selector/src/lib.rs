@@ -32,7 +32,7 @@ use minifactory_msgs::sensor_msgs::msg::{CameraInfo, CompressedImage, Image};
 use minifactory_msgs::vision_msgs::msg::Detection3DArray;
 
 use names::Names;
-use sight::{Frame, LookError, Sight};
+use sight::{Frame, LookError, Sight, WARNINGS};
 
 /// Frames in a row that may be missing before the camera counts as silent, and ticks that images may be under way.
 pub(crate) const SILENT_PERIODS: u64 = 5;
@@ -70,7 +70,7 @@ pub struct VisionSelector {
     /// What was last wrong with an image, so that it is said once.
     fault: Option<LookError>,
     /// Which warnings were in force last, so that each is said once.
-    warned: [bool; 2],
+    warned: [bool; WARNINGS],
     /// When an image came last, and how long none may come.
     seen_tick: u64,
     patience_ticks: u64,
@@ -135,7 +135,7 @@ impl FeederNode for VisionSelector {
                 .try_into()
                 .unwrap_or(1),
             fault: None,
-            warned: [false; 2],
+            warned: [false; WARNINGS],
             seen_tick: 0,
             patience_ticks: SILENT_PERIODS * period_ticks + SLACK_TICKS,
         })
@@ -264,6 +264,15 @@ impl VisionSelector {
         if let Some(usual) = self.sight.calibration.usual() {
             values.push(value("error of the calibration, mm", format!("{:.3}", 1e3 * usual.error_m)));
         }
+        let seen = self.sight.selector.health();
+        values.push(value("share of the plateau covered", format!("{:.3}", seen.covered_ratio)));
+        values.push(value("share of that explained", format!("{:.2}", seen.explained_ratio)));
+        values.push(value("light on the plateau against that taught", format!("{:.2}", seen.plateau_ratio)));
+        let hub = seen.hub_ratio.map(|ratio| value("light on the hub against that taught", format!("{ratio:.2}")));
+        values.extend(hub);
+        values.push(value("share of the plateau clipped", format!("{:.3}", seen.clipped_ratio)));
+        let blur = seen.blur_excess_px2.map(|excess| value("blur beyond that taught, px²", format!("{excess:.2}")));
+        values.extend(blur);
         let health = Health { name: self.names.node.clone(), level, message, hardware_id: String::new(), values };
         io.publish(&self.ports.diagnostics, &health.into_message(io.header("")));
     }

@@ -6,7 +6,7 @@ use feeder_runtime::node::ns_of_stamp;
 use feeder_scenario::ScenarioError;
 use feeder_scenario::plan::VisionSelectorConfig;
 use feeder_vision::{
-    CalibrationFault, CalibrationWatch, ImageFault, NoPose, PictureError, PoseHistory, RawPicture, Selector,
+    CalibrationFault, CalibrationWatch, HealthWatch, ImageFault, NoPose, PictureError, PoseHistory, RawPicture, Selector,
     ToldOptics, ToldOtherwise, TrackedCandidate, binned, decode, draw_overlay,
 };
 use feeder_wire::pictures::{self, Encoding};
@@ -16,6 +16,9 @@ use minifactory_msgs::std_msgs::msg::Header;
 use nalgebra::Isometry2;
 
 use crate::SILENT_PERIODS;
+
+/// Kinds of warnings.
+pub(crate) const WARNINGS: usize = 3;
 
 /// An image as the camera sent it.
 pub(crate) enum Frame {
@@ -94,6 +97,7 @@ pub(crate) struct Sight {
     pub(crate) selector: Selector,
     pub(crate) poses: PoseHistory,
     pub(crate) calibration: CalibrationWatch,
+    pub(crate) health: HealthWatch,
     /// Stamp of the latest image looked at, ns.
     latest_ns: u64,
     /// What the camera said last of itself, without its stamp, and how that contradicts the scenario.
@@ -109,6 +113,7 @@ impl Sight {
             selector: config.selector()?,
             poses: PoseHistory::new(config.selector.odometry),
             calibration: CalibrationWatch::new(limits, config.camera.clone(), config.tray),
+            health: HealthWatch::default(),
             latest_ns: 0,
             info: None,
             told_otherwise: None,
@@ -133,12 +138,19 @@ impl Sight {
     }
 
     /// What does not keep parts from being selected, but somebody should see to, by kind: always the same number of them.
-    pub(crate) fn warnings(&self) -> [Option<String>; 2] {
+    pub(crate) fn warnings(&self) -> [Option<String>; WARNINGS] {
         let calibration = self.calibration.warning();
         [
             calibration.map(|misalignment| format!("the camera drifts off its calibration: {misalignment}")),
             self.told_otherwise.as_ref().map(ToString::to_string),
+            self.doubts(),
         ]
+    }
+
+    /// What makes images doubtful since some time; nothing if they are sound.
+    fn doubts(&self) -> Option<String> {
+        let causes: Vec<String> = self.health.causes().map(|cause| cause.to_string()).collect();
+        (!causes.is_empty()).then(|| causes.join("; "))
     }
 
     /// Whether an image was taken after all that were looked at. One with a stamp that nobody can place makes no other old.
@@ -166,6 +178,7 @@ impl Sight {
         let stamp_s = Duration::from_nanos(stamp_ns).as_secs_f64();
         // A picture in which no plateau is to be seen says that first, and where the rim is not after it.
         let tracked = self.selector.process(stamp_s, &image, &platen_from_tray)?;
+        self.health.note(self.selector.health());
         self.calibration.look(&image, &platen_from_tray)?;
         Ok(Picture { image, platen_from_tray, tracked })
     }

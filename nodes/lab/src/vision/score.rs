@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use feeder_model::geometry::StablePose;
 use feeder_sim::camera::{PartView, Renderer, Scene, SensorModel, TrayShot, codec};
-use feeder_vision::{Candidate, PartModel, Selector, SelectorConfig};
+use feeder_vision::{Candidate, PartModel, Selector, SelectorConfig, misalignment};
 use image::GrayImage;
 use nalgebra::Isometry2;
 use rand::Rng;
@@ -41,7 +41,7 @@ pub(crate) struct Score {
     pub(crate) misposed: u32,
     /// Candidates where no part is.
     pub(crate) phantoms: u32,
-    /// Candidates selected, and those of them that are no part in the wanted pose.
+    /// Candidates selected, and those of them that are no part in the wanted pose, or have no room for the gripper.
     pub(crate) selected: u32,
     pub(crate) wrong: u32,
     /// Parts in the wanted pose with room round them, and those of them that were selected.
@@ -50,6 +50,8 @@ pub(crate) struct Score {
     /// Errors of what was selected rightly.
     pub(crate) position_errors_m: Vec<f64>,
     pub(crate) yaw_errors_rad: Vec<f64>,
+    /// Frames in which nothing was taken because of the calibration.
+    pub(crate) refused: u32,
     pub(crate) render: Duration,
     pub(crate) select: Duration,
 }
@@ -69,6 +71,7 @@ impl Score {
         self.isolated_selected += other.isolated_selected;
         self.position_errors_m.extend(&other.position_errors_m);
         self.yaw_errors_rad.extend(&other.yaw_errors_rad);
+        self.refused += other.refused;
         self.render += other.render;
         self.select += other.select;
     }
@@ -94,7 +97,12 @@ pub(crate) fn cpu_time() -> Duration {
 
 /// A part whose selector is put to the test.
 pub(crate) struct Trial<'a> {
+    /// What the selector believes of camera and tray.
     pub(crate) scene: &'a Scene,
+    /// What is rendered.
+    pub(crate) world: &'a Scene,
+    /// Blur of the lens beyond the renderer's own, px, as a standard deviation.
+    pub(crate) blur_px: f32,
     pub(crate) poses: &'a [StablePose],
     pub(crate) platen_from_tray: Isometry2<f64>,
     pub(crate) config: &'a SelectorConfig,
@@ -110,8 +118,8 @@ impl Trial<'_> {
         mut show: impl FnMut(&GrayImage, &Selector, &[Candidate]) -> anyhow::Result<()>,
     ) -> anyhow::Result<Score> {
         let Circumstances { area_fraction, noise_sigma_levels, frames } = circumstances;
-        let sensor = SensorModel { noise_sigma_levels, ..self.scene.sensor };
-        let renderer = Renderer::new(&Scene { sensor, ..self.scene.clone() })?;
+        let sensor = SensorModel { noise_sigma_levels, ..self.world.sensor };
+        let renderer = Renderer::new(&Scene { sensor, ..self.world.clone() })?;
         let mut selector = Selector::new(self.config.clone(), &self.scene.camera, &self.scene.tray, self.model)?;
         let mut crowd = Crowd::new(&self.scene.tray, self.poses, area_fraction);
         let mut image = GrayImage::default();
@@ -122,21 +130,38 @@ impl Trial<'_> {
             } else {
                 crowd.stir(random);
             }
-            let views: Vec<PartView> = crowd.parts().iter().map(|part| view(part, self.scene)).collect();
+            let views: Vec<PartView> = crowd.parts().iter().map(|part| view(part, self.world)).collect();
             let begin = cpu_time();
             renderer.render(&TrayShot::still(self.platen_from_tray), &views, random, &mut image)?;
+            if self.blur_px > 0.0 {
+                image = image::imageops::blur(&image, self.blur_px);
+            }
             score.render += cpu_time() - begin;
             let bytes = codec::encode(&image, codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX)?;
             let seen = feeder_vision::decode(&bytes)?;
             let begin = cpu_time();
-            let candidates = selector.detect(&seen, &self.platen_from_tray)?;
+            let mut candidates = selector.detect(&seen, &self.platen_from_tray)?;
             score.select += cpu_time() - begin;
+            // As in a run, nothing is taken by a calibration that the frame refutes.
+            if self.is_misplaced(&seen) {
+                candidates.clear();
+                score.refused += 1;
+            }
             score.frames += 1;
             score.covered += crowd.covered_fraction();
             self.judge(&crowd, &selector, &candidates, &mut score);
             show(&seen, &selector, &candidates)?;
         }
         Ok(score)
+    }
+
+    /// Whether rim and hub lie so far beside where they should that nothing may be selected.
+    fn is_misplaced(&self, image: &GrayImage) -> bool {
+        let Scene { camera, tray, .. } = self.scene;
+        match misalignment(image, camera, tray, &self.platen_from_tray) {
+            Ok(found) => found.is_some_and(|found| self.config.calibration.require(&found).is_err()),
+            Err(_) => true,
+        }
     }
 
     fn judge(&self, crowd: &Crowd<'_>, selector: &Selector, candidates: &[Candidate], score: &mut Score) {
@@ -159,7 +184,8 @@ impl Trial<'_> {
             score.found += 1;
             score.posed += u32::from(candidate.pose == Some(truth.pose));
             score.misposed += u32::from(candidate.pose.is_some_and(|pose| pose != truth.pose));
-            if selected && candidate.pose != Some(truth.pose) {
+            let cramped = crowd.part_gap_m(part) < self.config.part_clearance_m - TOLERANCE_M;
+            if selected && (candidate.pose != Some(truth.pose) || cramped) {
                 score.wrong += 1;
             } else if selected {
                 score.position_errors_m.push(distance_m(part));

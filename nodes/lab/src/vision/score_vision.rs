@@ -97,7 +97,15 @@ fn score(name: &str, args: &Args) -> anyhow::Result<Score> {
         Renderer::new(&scene)?.render(&TrayShot::still(platen_from_tray), &[], &mut random, &mut bare)?;
         bare.save(folder.join(format!("{name}_bare.png")))?;
     }
-    let trial = Trial { scene: &scene, poses: &part.poses, platen_from_tray, config: &config, model: &model };
+    let trial = Trial {
+        scene: &scene,
+        world: &scene,
+        blur_px: 0.0,
+        poses: &part.poses,
+        platen_from_tray,
+        config: &config,
+        model: &model,
+    };
     let kinds = u32::try_from(AREA_FRACTIONS.len() * NOISE_SIGMAS.len())?;
     let mut total = Score::default();
     for area_fraction in AREA_FRACTIONS {

@@ -1,9 +1,9 @@
 //! What was learned, looked at with the pictures that it was learned from.
 
 use super::super::SelectorConfig;
-use super::super::candidate::{self, EDGE_STRIP_PX};
+use super::super::candidate;
 use super::super::detector::{Detector, Found};
-use super::super::hull::distance_m;
+use super::super::surround::Samples;
 use super::super::template::PartModel;
 use super::super::template::RING_MISS_MAX;
 use super::{TeachError, TeachFrame, TeachSpec};
@@ -18,6 +18,10 @@ const RING_ALLOWANCE: f32 = 1.0;
 /// What parts among others may miss by more than those shown: relative, and beside.
 const MISS_ALLOWANCE_RATIO: f32 = 1.5;
 const MISS_ALLOWANCE: f32 = 1.2;
+/// Share of the evidence of those shown that parts must have: under other light they may stand out by less.
+const EVIDENCE_RATIO_MIN: f32 = 0.6;
+/// Parts that must show what lies round them for it to be theirs.
+const SURROUND_SHOWN_MIN: usize = 3;
 /// How far from where it was laid a part is recognised as the same, relative to its radius.
 const SAME_PLACE_RATIO: f64 = 0.3;
 
@@ -55,7 +59,7 @@ impl Exam<'_> {
     }
 
     /// Learns how well the rings of brightness about a part fit: from the parts shown, with some allowance for neighbours.
-    fn measure_rings(&self, model: &mut PartModel) -> Result<(), TeachError> {
+    pub(super) fn measure_rings(&self, model: &mut PartModel) -> Result<(), TeachError> {
         let mut misses: Vec<Vec<f32>> = vec![Vec::new(); self.spec.poses.len()];
         self.look(model, |detector, frame, _| {
             let view = detector.view(&frame.platen_from_tray);
@@ -63,39 +67,41 @@ impl Exam<'_> {
                 misses[part.pose].extend(detector.ring_miss(&view, part.pose, part.place));
             }
         })?;
-        for (pose, misses) in model.poses.iter_mut().zip(&mut misses) {
+        for (pose, misses) in model.poses.iter_mut().zip(&mut misses).filter(|(_, misses)| !misses.is_empty()) {
             pose.ring_miss_max = (RING_ALLOWANCE_RATIO * p98(misses) + RING_ALLOWANCE).min(RING_MISS_MAX);
         }
         Ok(())
     }
 
-    /// Learns from parts that lie alone how well they fit, and how far their shade reaches: what stands out from the plateau
-    /// beside them.
+    /// Learns from the parts shown how well they fit, and what they have round them.
     fn measure_parts(&self, model: &mut PartModel) -> Result<(), TeachError> {
         let mut misses: Vec<Vec<f32>> = vec![Vec::new(); self.spec.poses.len()];
-        let mut reaches_m = vec![0.0_f64; self.spec.poses.len()];
+        let mut evidences: Vec<Vec<f32>> = vec![Vec::new(); self.spec.poses.len()];
+        let mut samples = vec![Samples::default(); self.spec.poses.len()];
         self.look(model, |detector, frame, found| {
+            let view = detector.view(&frame.platen_from_tray);
             for part in frame.parts {
                 let near_m = SAME_PLACE_RATIO * self.spec.poses[part.pose].radius_m();
                 let is_it =
                     |found: &&Found| found.pose == part.pose && (found.fit.centre - part.place).norm() <= near_m;
-                let beyond_noise = |found: &Found| found.fit.cost - detector.sought[part.pose].noise_miss;
-                misses[part.pose].extend(found.iter().find(is_it).map(beyond_noise));
-            }
-            let outlines: Vec<_> =
-                frame.parts.iter().map(|part| detector.outline(part.pose, part.place, part.yaw_rad)).collect();
-            for point in detector.unexplained(&detector.view(&frame.platen_from_tray), EDGE_STRIP_PX) {
-                let distances_m = outlines.iter().map(|outline| distance_m(outline, &point)).enumerate();
-                if let Some((part, distance_m)) = distances_m.min_by(|(_, a), (_, b)| a.total_cmp(b)) {
-                    let reach_m = &mut reaches_m[frame.parts[part].pose];
-                    *reach_m = reach_m.max(distance_m);
+                if let Some(found) = found.iter().find(is_it) {
+                    misses[part.pose].push(found.fit.cost - detector.sought[part.pose].noise_miss);
+                    evidences[part.pose].push(found.evidence_per_texel);
+                    detector.sample(&view, found, &mut samples[part.pose]);
                 }
             }
         })?;
-        for ((pose, misses), reach_m) in model.poses.iter_mut().zip(&mut misses).zip(reaches_m) {
+        for (pose, evidences) in model.poses.iter_mut().zip(&mut evidences).filter(|(_, shown)| !shown.is_empty()) {
+            evidences.sort_by(f32::total_cmp);
+            pose.evidence_min = EVIDENCE_RATIO_MIN * evidences[evidences.len() / 2];
+        }
+        for ((pose, misses), samples) in model.poses.iter_mut().zip(&mut misses).zip(samples) {
+            if misses.is_empty() {
+                continue;
+            }
             pose.miss_max = MISS_ALLOWANCE_RATIO * p98(misses).max(0.0) + MISS_ALLOWANCE;
-            // Two pixels more: the outline is fitted to a pixel, and more noise frays the shade.
-            pose.shade_reach_m = reach_m + 2.0 * pose.texel_m;
+            let surround = samples.shared(&pose.surround(), SURROUND_SHOWN_MIN);
+            pose.set_surround(&surround);
         }
         Ok(())
     }
@@ -106,7 +112,7 @@ impl Exam<'_> {
         let config = SelectorConfig { contrast_min_levels, ..SelectorConfig::default() };
         let mut tally = vec![(0_usize, 0_usize, 0_usize); self.spec.poses.len()];
         self.look(model, |detector, frame, found| {
-            let candidates = candidate::judge(detector, &detector.view(&frame.platen_from_tray), &config, found);
+            let (candidates, _) = candidate::judge(detector, &detector.view(&frame.platen_from_tray), &config, found);
             for part in frame.parts {
                 let (shown, recognised, mistaken) = &mut tally[part.pose];
                 *shown += 1;

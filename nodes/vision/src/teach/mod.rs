@@ -1,6 +1,8 @@
 //! Learns from pictures what a part looks like: `regression` makes the templates, `exam` tells how well they do.
 
+mod clicks;
 mod exam;
+mod labels;
 mod regression;
 
 use image::GrayImage;
@@ -11,6 +13,9 @@ use super::segment::{Plateau, PlateauSums, RADIAL_BINS, RELATIVE_UNITS, Segmenta
 use super::template::{Aspect, PartModel, Plane, SIDE_MAX, period_rad, texel_place_m};
 use super::view::{RayTable, View};
 use super::{ImageFault, require_above};
+pub use clicks::{
+    Click, ClickDoubt, ClickLabel, ClickLesson, ClickedPicture, FittedClick, fit_clicks, teach_from_clicks,
+};
 use exam::Exam;
 use feeder_model::camera::{CameraModel, MountedTray, single};
 use feeder_model::range::OutOfRange;
@@ -19,8 +24,13 @@ use feeder_model::range::OutOfRange;
 const MARGIN_PX: f64 = 4.0;
 /// Smallest thing that counts as more than noise, px.
 const BLOB_PX_MIN: usize = 9;
-/// Parts of a pose that must be shown at least.
+/// How often the plateau is looked at between parts, and how far from what stands out, px.
+const PLATEAU_ROUNDS: usize = 2;
+const PLATEAU_MARGIN_PX: usize = 4;
+/// Parts of a pose that must be shown at least where no drawing tells the rest.
 const SHOWN_MIN: usize = 12;
+/// How often labels are fitted and the templates learned anew, where labels are found to be off.
+const LABEL_ROUNDS: usize = 3;
 /// A part as it was laid for a picture, in the tray frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LaidPart {
@@ -103,6 +113,20 @@ pub enum TeachError {
         /// Parts shown.
         shown: usize,
     },
+    /// A model that was not drawn for this camera.
+    #[error(
+        "the drawn model's texels are {found_m} m, {side} along a side; this camera needs {expected_m} m and {expected_side}"
+    )]
+    OtherCamera {
+        /// Size of the model's texels, m.
+        found_m: f64,
+        /// Texels along a side.
+        side: usize,
+        /// What they must be, m.
+        expected_m: f64,
+        /// As for the size.
+        expected_side: usize,
+    },
     /// A pose that looks like another, or different every time.
     #[error(
         "{recognised} of {shown} parts shown in pose {pose} are recognised, {mistaken} taken for another pose; \
@@ -149,6 +173,29 @@ pub fn teach(
             "an index of teach.poses",
         )?;
     }
+    let mut model = learn(frames, camera, tray, spec, None)?;
+    let mut laid: Vec<Vec<LaidPart>> = frames.iter().map(|frame| frame.parts.to_vec()).collect();
+    for _ in 0..LABEL_ROUNDS {
+        let Some(fitted) = labels::fitted(frames, &laid, &model, camera, tray, spec)? else { break };
+        laid = fitted;
+        let frames: Vec<TeachFrame> =
+            frames.iter().zip(&laid).map(|(frame, parts)| TeachFrame { parts, ..*frame }).collect();
+        model = learn(&frames, camera, tray, spec, None)?;
+    }
+    let frames: Vec<TeachFrame> =
+        frames.iter().zip(&laid).map(|(frame, parts)| TeachFrame { parts, ..*frame }).collect();
+    Exam { frames: &frames, camera, tray, spec }.complete(&mut model)?;
+    Ok(model)
+}
+
+/// The templates, without what an exam tells about them; beside a drawn model only what differs from that is learned.
+fn learn(
+    frames: &[TeachFrame],
+    camera: &CameraModel,
+    tray: &MountedTray,
+    spec: &TeachSpec,
+    drawn: Option<&PartModel>,
+) -> Result<PartModel, TeachError> {
     let mut lesson = Lesson { camera, tray, rays: RayTable::new(camera), segmentation: Segmentation::default(), spec };
     let (taught, plateau) = lesson.plateau(frames)?;
     let mut model = PartModel {
@@ -157,12 +204,18 @@ pub fn teach(
         plateau_shade: shade_plane(&plateau),
         poses: Vec::new(),
     };
+    for (drawn, spec) in drawn.iter().flat_map(|drawn| &drawn.poses).zip(&spec.poses) {
+        let (found_m, side) = (drawn.texel_m, drawn.side());
+        let (expected_m, expected_side) = (lesson.texel_m(), lesson.side(spec));
+        if (found_m / expected_m - 1.0).abs() > 1e-6 || side != expected_side {
+            return Err(TeachError::OtherCamera { found_m, side, expected_m, expected_side });
+        }
+    }
     let views = lesson.views(frames, &plateau)?;
     for (pose, views) in views.iter().enumerate() {
-        model.poses.push(lesson.template(pose, views)?);
+        model.poses.push(lesson.template(pose, views, drawn.map(|drawn| &drawn.poses[pose]))?);
     }
     model.validate()?;
-    Exam { frames, camera, tray, spec }.complete(&mut model)?;
     Ok(model)
 }
 
@@ -202,14 +255,34 @@ impl Lesson<'_> {
         self.segmentation.look(&view, &self.rays, frame.image, plateau, contrast, BLOB_PX_MIN).map_err(fault)
     }
 
-    /// What the bare plateau looks like.
+    /// What the bare plateau looks like: as pictures without parts show it, or where there are none, as those with parts show
+    /// it between them.
     fn plateau(&mut self, frames: &[TeachFrame]) -> Result<(TaughtLight, Plateau), TeachError> {
+        let bare = frames.iter().any(|frame| frame.parts.is_empty());
+        let mut learned =
+            self.plateau_between(frames, |frame| frame.parts.is_empty() == bare, &Plateau::unknown(), bare)?;
+        // What stands out from the plateau is known only once the plateau is.
+        for _ in 0..if bare { 0 } else { PLATEAU_ROUNDS } {
+            learned = self.plateau_between(frames, |_| true, &learned.1, bare)?;
+        }
+        Ok(learned)
+    }
+
+    /// What the plateau looks like in some pictures, in all of each that is bare, or outside of what lies on it.
+    fn plateau_between(
+        &mut self,
+        frames: &[TeachFrame],
+        counts: impl Fn(&TeachFrame) -> bool,
+        known: &Plateau,
+        bare: bool,
+    ) -> Result<(TaughtLight, Plateau), TeachError> {
+        let known = Plateau { taught: None, ..known.clone() };
         let mut sums = vec![PlateauSums::default(); RADIAL_BINS + 1];
         let (mut light, mut hub, mut count) = ([0.0; 6], 0.0, 0.0_f32);
-        for (index, frame) in frames.iter().enumerate().filter(|(_, frame)| frame.parts.is_empty()) {
-            self.look(frame, index, &Plateau::unknown())?;
+        for (index, frame) in frames.iter().enumerate().filter(|(_, frame)| counts(frame)) {
+            self.look(frame, index, &known)?;
             let view = View { camera: self.camera, tray: self.tray, platen_from_tray: frame.platen_from_tray };
-            self.segmentation.learn_plateau(&view, &mut sums);
+            self.segmentation.learn_plateau(&view, if bare { None } else { Some(PLATEAU_MARGIN_PX) }, &mut sums);
             hub += hub_level(&view, frame.image).ok_or(TeachError::HubOutOfView { index })?;
             light = std::array::from_fn(|index| light[index] + self.segmentation.light[index]);
             count += 1.0;

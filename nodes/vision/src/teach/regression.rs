@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector, Point2};
 
 use super::super::hull::distance_m;
+use super::super::surround::{DIRECTIONS, DISTANCES};
 use super::super::template::{Factors, Plane, PoseTemplate, SLANT_PLANES, texel_place_m, yaw_steps};
 use super::{Lesson, SHOWN_MIN, Seen, TeachError, Texel};
 use feeder_model::camera::single;
@@ -13,30 +14,47 @@ use feeder_model::camera::single;
 const YAW_RIDGE: f64 = 0.3;
 const SLANT_RIDGE: f64 = 1.0;
 const WALL_SHADE_RIDGE: f64 = 0.05;
+/// By how much more a drawing is believed about what depends on yaw and slant than that they change nothing, and how many
+/// parts it counts for where the scatter about the pictures is asked for.
+const DRAWN_RATIO: f64 = 4.0;
+const DRAWN_VIEWS: f64 = 4.0;
+/// Parts shown that a drawing counts for where it tells how bright a part is: hardly any, for it does not know the light.
+const DRAWN_SHOWN: f64 = 0.2;
 
 impl Lesson<'_> {
     /// The template of a pose by least squares, texel by texel.
-    pub(super) fn template(&self, pose: usize, views: &[Seen]) -> Result<PoseTemplate, TeachError> {
-        if views.len() < SHOWN_MIN {
-            return Err(TeachError::TooFew { pose, shown: views.len() });
+    pub(super) fn template(
+        &self,
+        pose: usize,
+        views: &[Seen],
+        drawn: Option<&PoseTemplate>,
+    ) -> Result<PoseTemplate, TeachError> {
+        let too_few = TeachError::TooFew { pose, shown: views.len() };
+        match drawn {
+            None if views.len() < SHOWN_MIN => return Err(too_few),
+            Some(drawn) if views.is_empty() => return Ok(drawn.clone()),
+            _ => {}
         }
         let spec = &self.spec.poses[pose];
         let side = self.side(spec);
         let steps = yaw_steps(spec.yaw_symmetry);
+        let drawn_planes: Vec<&Plane> = drawn.map_or_else(Vec::new, PoseTemplate::planes);
         let wall_shade = steps + 1 + SLANT_PLANES;
         let unknowns = wall_shade + 1;
         let mut beliefs = DMatrix::<f64>::zeros(unknowns, unknowns);
+        // Beside a drawing the unknowns are what differs from it.
+        let ratio = if drawn.is_some() { DRAWN_RATIO } else { 1.0 };
         for yaw in 0..steps {
             for (row, column, sign) in [(0, 0, 1.0), (1, 1, 1.0), (0, 1, -1.0), (1, 0, -1.0)] {
-                beliefs[(yaw + row, yaw + column)] += sign * YAW_RIDGE;
+                beliefs[(yaw + row, yaw + column)] += sign * ratio * YAW_RIDGE;
             }
         }
         for plane in steps + 1..wall_shade {
-            beliefs[(plane, plane)] += SLANT_RIDGE;
+            beliefs[(plane, plane)] += ratio * SLANT_RIDGE;
         }
-        beliefs[(wall_shade, wall_shade)] += WALL_SHADE_RIDGE;
-        // What never was seen is taken to be bare.
-        beliefs[(0, 0)] += 1e-3;
+        beliefs[(wall_shade, wall_shade)] += ratio * WALL_SHADE_RIDGE;
+        // What never was seen is taken to be bare, or as drawn.
+        beliefs[(0, 0)] += if drawn.is_some() { DRAWN_SHOWN } else { 1e-3 };
         let factors: Vec<Factors> = views.iter().map(|seen| seen.aspect.factors(spec.yaw_symmetry, steps)).collect();
         let mut planes: Vec<Vec<f32>> = vec![Vec::with_capacity(side * side); unknowns];
         let mut deviations = Vec::with_capacity(side * side);
@@ -44,8 +62,14 @@ impl Lesson<'_> {
         for texel in 0..side * side {
             let mut normal = beliefs.clone();
             let mut target = DVector::<f64>::zeros(unknowns);
+            let expected: Vec<f64> = match drawn_planes.is_empty() {
+                true => vec![0.0; unknowns],
+                false => drawn_planes.iter().map(|plane| f64::from(plane.values()[texel])).collect(),
+            };
             let beside = distance_m(&spec.outline_m, &Point2::from(texel_place_m(texel, side, self.texel_m()))) > 0.0;
-            target[wall_shade] = WALL_SHADE_RIDGE * f64::from(u8::from(beside));
+            if drawn.is_none() {
+                target[wall_shade] = WALL_SHADE_RIDGE * f64::from(u8::from(beside));
+            }
             let rows: Vec<(Vec<(usize, f64)>, f64)> = views
                 .iter()
                 .zip(&factors)
@@ -55,7 +79,8 @@ impl Lesson<'_> {
                     let mut row: Vec<(usize, f64)> = at_yaws.map(|(after, w)| (factors.first + after, w)).collect();
                     row.extend(factors.slant.into_iter().enumerate().map(|(plane, w)| (steps + 1 + plane, w)));
                     row.push((wall_shade, shade));
-                    Some((row, level))
+                    let expected: f64 = row.iter().map(|(i, w)| w * expected[*i]).sum();
+                    Some((row, level - expected))
                 })
                 .collect();
             for (row, level) in &rows {
@@ -64,17 +89,30 @@ impl Lesson<'_> {
                     row.iter().for_each(|(j, v)| normal[(*i, *j)] += w * v);
                 }
             }
-            let solution = normal.cholesky().ok_or(TeachError::TooFew { pose, shown: views.len() })?.solve(&target);
-            for (plane, value) in planes.iter_mut().zip(solution.iter()) {
-                plane.push(single(*value));
+            let solution = normal.cholesky().ok_or_else(|| too_few.clone())?.solve(&target);
+            for ((plane, value), expected) in planes.iter_mut().zip(solution.iter()).zip(&expected) {
+                plane.push(single(value + expected));
             }
             let miss = |(row, level): &(Vec<(usize, f64)>, f64)| {
                 (level - row.iter().map(|(i, w)| w * solution[*i]).sum::<f64>()).powi(2)
             };
             let square: f64 = rows.iter().map(miss).sum();
-            let freedom = rows.len().saturating_sub(unknowns).max(1) as f64;
-            deviations.push((single(square / freedom) - mean_noise).max(0.0).sqrt());
+            let variance = match drawn {
+                None => square / rows.len().saturating_sub(unknowns).max(1) as f64,
+                Some(drawn) => {
+                    let drawn = f64::from(drawn.deviation.values()[texel].powi(2) + mean_noise);
+                    (square + DRAWN_VIEWS * drawn) / (rows.len().saturating_sub(1) as f64 + DRAWN_VIEWS)
+                }
+            };
+            deviations.push((single(variance) - mean_noise).max(0.0).sqrt());
         }
+        // What is dark under any light known may be lit under another: a recess, or a dark surface, which is as well.
+        let recess = |texel: usize| {
+            let mean = planes[..=steps].iter().map(|plane| plane[texel]).sum::<f32>() / (steps + 1) as f32;
+            let drawn = drawn.map_or(0.0, |drawn| drawn.recess.values()[texel]);
+            (-mean).clamp(drawn, 1.0)
+        };
+        let recess = Plane::new(side, (0..side * side).map(recess).collect());
         let mut planes = planes.into_iter().map(|values| Plane::new(side, values));
         let at_yaws = planes.by_ref().take(steps + 1).collect();
         let mut next = || planes.next().unwrap_or_else(|| Plane::new(side, vec![0.0; side * side]));
@@ -83,7 +121,10 @@ impl Lesson<'_> {
             yaw_symmetry: spec.yaw_symmetry,
             ring_miss_max: 0.0,
             miss_max: 1.0,
-            shade_reach_m: 0.0,
+            evidence_min: drawn.map_or(0.0, |drawn| drawn.evidence_min),
+            recess,
+            surround: Plane::new(DIRECTIONS, vec![0.0; DIRECTIONS * DISTANCES]),
+            surround_scatter: Plane::new(DIRECTIONS, vec![0.0; DIRECTIONS * DISTANCES]),
             texel_m: self.texel_m(),
             at_yaws,
             slant_x: next(),

@@ -1,0 +1,176 @@
+//! Whether a frame can be trusted: what it shows of what was taught, and what it leaves unexplained.
+//!
+//! [`HealthWatch`] follows that from frame to frame: a hand in one of them is no trouble.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// Share of the plateau that must be covered before anything is concluded from what is not recognised.
+const COVERED_MIN: f64 = 0.004;
+/// Less of what lies there being explained than this is called blindness.
+const EXPLAINED_MIN: f64 = 0.3;
+/// More of the plateau than this quite black or quite white is clipped: sensors saturate in highlights, not on floors.
+const CLIPPED_MAX: f64 = 0.02;
+/// The light differs when hub and plateau have changed by more than this against each other: no lamp that stays does that.
+const HUB_CHANGE_MAX: f64 = 0.08;
+/// Parts are out of focus from this excess of blur's variance, px²: 1.2 px instead of 0.7.
+const BLUR_EXCESS_MAX_PX2: f64 = 0.7;
+/// Parts are seen in another size from this on.
+const SIZE_CHANGE_MAX: f64 = 0.015;
+
+/// A cause is in force from so many frames in a row on, until as many are without it.
+const FRAMES_IN_A_ROW: u32 = 5;
+
+/// What a frame is worth.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameHealth {
+    /// Share of the plateau on which something lies, 0 to 1.
+    pub covered_ratio: f64,
+    /// Share of that which recognised parts, with their shadows, account for, 0 to 1; 1 where nothing lies.
+    pub explained_ratio: f64,
+    /// Brightness of the plateau over that when the part was taught.
+    pub plateau_ratio: f64,
+    /// The same of the hub's top; `None` where it is not seen.
+    pub hub_ratio: Option<f64>,
+    /// Share of the plateau's pixels that are quite black or quite white, 0 to 1.
+    pub clipped_ratio: f64,
+    /// By how much the parts recognised are more blurred than taught, as a variance, px²; `None` without any.
+    pub blur_excess_px2: Option<f64>,
+    /// By how much they are larger than taught, relative; `None` without any.
+    pub size_excess_ratio: Option<f64>,
+    /// Parts recognised.
+    pub recognised: usize,
+}
+
+/// What makes a frame doubtful.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum HealthCause {
+    /// Much lies on the plateau, and next to nothing of it is known.
+    NothingRecognised,
+    /// The light is another than the one taught.
+    LightDiffers,
+    /// The image is over- or under-exposed.
+    Clipped,
+    /// The lens is out of focus.
+    Blurred,
+    /// Parts are seen in another size: camera, lens or tray are not where they are believed to be, or it is another part.
+    SizeDiffers,
+}
+
+impl fmt::Display for HealthCause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NothingRecognised => "much lies on the plateau and nothing of it is recognised",
+            Self::LightDiffers => "the light differs from the one taught",
+            Self::Clipped => "the image is wrongly exposed: part of the plateau is quite black or quite white",
+            Self::Blurred => "parts are blurred: the lens is out of focus",
+            Self::SizeDiffers => "parts are seen in another size than taught: camera or part is another",
+        })
+    }
+}
+
+impl FrameHealth {
+    /// What makes the frame doubtful, the gravest first.
+    #[must_use]
+    pub fn causes(&self) -> Vec<HealthCause> {
+        let beyond = |value: Option<f64>, most: f64| value.is_some_and(|value| value > most);
+        let size_change = self.size_excess_ratio.map(f64::abs);
+        let hub_change = self.hub_ratio.map(|hub| (hub / self.plateau_ratio.max(1e-3) - 1.0).abs());
+        let blind = self.covered_ratio > COVERED_MIN && self.explained_ratio < EXPLAINED_MIN;
+        [
+            (HealthCause::NothingRecognised, blind),
+            (HealthCause::Clipped, self.clipped_ratio > CLIPPED_MAX),
+            (HealthCause::LightDiffers, beyond(hub_change, HUB_CHANGE_MAX)),
+            (HealthCause::Blurred, beyond(self.blur_excess_px2, BLUR_EXCESS_MAX_PX2)),
+            (HealthCause::SizeDiffers, beyond(size_change, SIZE_CHANGE_MAX)),
+        ]
+        .into_iter()
+        .filter_map(|(cause, holds)| holds.then_some(cause))
+        .collect()
+    }
+
+    /// Whether the selector is blind: then an empty list of parts does not mean an empty plateau.
+    #[must_use]
+    pub fn is_blind(&self) -> bool {
+        self.causes().contains(&HealthCause::NothingRecognised)
+    }
+}
+
+/// What makes frames doubtful, one after the other.
+#[derive(Clone, Debug, Default)]
+pub struct HealthWatch {
+    /// For each cause in force or about to change: whether it is in force, and how many frames in a row contradict that.
+    causes: BTreeMap<HealthCause, (bool, u32)>,
+}
+
+impl HealthWatch {
+    /// Notes what the latest frame is worth.
+    pub fn note(&mut self, health: &FrameHealth) {
+        let now = health.causes();
+        for cause in &now {
+            self.causes.entry(*cause).or_default();
+        }
+        for (cause, (in_force, against)) in &mut self.causes {
+            *against = if now.contains(cause) == *in_force { 0 } else { *against + 1 };
+            if *against >= FRAMES_IN_A_ROW {
+                (*in_force, *against) = (!*in_force, 0);
+            }
+        }
+    }
+
+    /// The causes in force, the gravest first.
+    pub fn causes(&self) -> impl Iterator<Item = HealthCause> {
+        self.causes.iter().filter(|(_, (in_force, _))| *in_force).map(|(cause, _)| *cause)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sound() -> FrameHealth {
+        FrameHealth {
+            covered_ratio: 0.1,
+            explained_ratio: 0.9,
+            plateau_ratio: 1.0,
+            hub_ratio: Some(1.0),
+            clipped_ratio: 0.0,
+            blur_excess_px2: Some(0.0),
+            size_excess_ratio: Some(0.0),
+            recognised: 9,
+        }
+    }
+
+    #[test]
+    fn each_cause_is_told_by_what_it_shows_in_and_by_nothing_else() {
+        assert_eq!(sound().causes(), []);
+        assert_eq!(FrameHealth { explained_ratio: 0.1, ..sound() }.causes(), [HealthCause::NothingRecognised]);
+        assert_eq!(FrameHealth { covered_ratio: 0.001, explained_ratio: 0.0, ..sound() }.causes(), []);
+        assert_eq!(FrameHealth { clipped_ratio: 0.1, ..sound() }.causes(), [HealthCause::Clipped]);
+        // More light on everything is not another light.
+        assert_eq!(FrameHealth { plateau_ratio: 0.7, hub_ratio: Some(0.7), ..sound() }.causes(), []);
+        assert_eq!(FrameHealth { hub_ratio: Some(1.2), ..sound() }.causes(), [HealthCause::LightDiffers]);
+        assert_eq!(FrameHealth { blur_excess_px2: Some(1.0), ..sound() }.causes(), [HealthCause::Blurred]);
+        assert_eq!(FrameHealth { size_excess_ratio: Some(-0.03), ..sound() }.causes(), [HealthCause::SizeDiffers]);
+        assert!(FrameHealth { explained_ratio: 0.1, ..sound() }.is_blind() && !sound().is_blind());
+    }
+
+    #[test]
+    fn a_cause_is_in_force_once_it_lasts_and_until_it_has_gone() {
+        let mut watch = HealthWatch::default();
+        let blind = FrameHealth { explained_ratio: 0.1, ..sound() };
+        let told = |watch: &mut HealthWatch, health: &FrameHealth| {
+            watch.note(health);
+            watch.causes().collect::<Vec<_>>()
+        };
+        for _ in 0..3 {
+            // A hand.
+            (0..4).for_each(|_| assert_eq!(told(&mut watch, &blind), []));
+            assert_eq!(told(&mut watch, &sound()), []);
+        }
+        let last = (0..FRAMES_IN_A_ROW).map(|_| told(&mut watch, &blind)).last();
+        assert_eq!(last.unwrap(), [HealthCause::NothingRecognised]);
+        assert_eq!(told(&mut watch, &sound()), [HealthCause::NothingRecognised]);
+        assert_eq!((0..4).map(|_| told(&mut watch, &sound())).last().unwrap(), []);
+    }
+}

@@ -1,0 +1,150 @@
+//! What is seen close round parts and is theirs: shadow, halo, gleam. Anything else there is in the gripper's way.
+//!
+//! The lamps stand still: all parts of a pose have the same round them, in the platen's directions, whatever their yaw, or
+//! nearly so. What most parts of a frame share is theirs; where few lie, what the lesson showed counts.
+
+use nalgebra::{Point2, Rotation2, Vector2};
+
+use super::align::Fit;
+use super::segment::{RELATIVE_UNITS, Segmentation};
+use super::sought::Sought;
+use super::view::View;
+use feeder_model::camera::single;
+
+/// Directions told apart, counter-clockwise from the platen's x, and distances from the outline, in pixels.
+pub(super) const DIRECTIONS: usize = 24;
+pub(super) const DISTANCES: usize = 16;
+/// Parts that must show what is round them for a frame to tell.
+const SHOWN_MIN: usize = 4;
+/// What lies nearer to the outline than this belongs to it, px: the lens blurs, and the fit errs.
+const BLURRED_PX: f64 = 1.5;
+
+/// Brightness round a part relative to the plateau's, by direction and distance.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Surround {
+    /// Middle, and the middle of the deviations from it; row by row of distances.
+    cells: Vec<(f32, f32)>,
+}
+
+/// What parts have round them.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Samples {
+    /// For each cell a brightness for each part that shows it.
+    cells: Vec<Vec<f32>>,
+}
+
+impl Samples {
+    /// Adds what lies round a part; `taken` tells whether a pixel of the window belongs to another.
+    pub(super) fn add(
+        &mut self,
+        frame: &Segmentation,
+        view: &View,
+        sought: &Sought,
+        fit: &Fit,
+        taken: impl Fn(usize) -> bool,
+    ) {
+        self.cells.resize_with(DIRECTIONS * DISTANCES, Vec::new);
+        let floor_m = view.tray.plateau_height_m();
+        let middle = view.pixel(fit.centre, floor_m);
+        let Some((middle, px_from_tray)) = middle.zip(view.px_from_tray(fit.centre, floor_m)) else { return };
+        let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
+        for direction in 0..DIRECTIONS {
+            let on_platen_rad = std::f64::consts::TAU * direction as f64 / DIRECTIONS as f64;
+            let in_tray_rad = on_platen_rad - view.platen_from_tray.rotation.angle();
+            let along = Rotation2::new(in_tray_rad) * Vector2::x();
+            let edge_m = exit_m(sought, along, fit.yaw_rad);
+            for distance in 0..DISTANCES {
+                let place = along * (edge_m + (distance as f64 + 0.5) * sought.m_per_px);
+                let pixel = (middle - corner + px_from_tray * place).map(single);
+                let Some((level, index)) = frame.relative_near(pixel.x, pixel.y) else { continue };
+                if frame.bins[index] != 0 && !taken(index) {
+                    let level = level / RELATIVE_UNITS - frame.wall_shade(index);
+                    self.cells[distance * DIRECTIONS + direction].push(level);
+                }
+            }
+        }
+    }
+
+    /// What the parts share, where enough show it; elsewhere what is `known` beforehand.
+    pub(super) fn shared(mut self, known: &Surround, shown_min: usize) -> Surround {
+        self.cells.resize_with(DIRECTIONS * DISTANCES, Vec::new);
+        let cell = |(index, levels): (usize, &mut Vec<f32>)| {
+            if levels.len() < shown_min {
+                return known.cells.get(index).copied().unwrap_or_default();
+            }
+            levels.sort_by(f32::total_cmp);
+            let middle = levels[levels.len() / 2];
+            // The usual deviation: of neighbours that a few of them have there it takes no notice.
+            levels.iter_mut().for_each(|level| *level = (*level - middle).abs());
+            levels.sort_by(f32::total_cmp);
+            (middle, levels[levels.len() / 2])
+        };
+        Surround { cells: self.cells.iter_mut().enumerate().map(cell).collect() }
+    }
+
+    /// As [`Self::shared`] for a frame.
+    pub(super) fn of_frame(self, known: &Surround) -> Surround {
+        self.shared(known, SHOWN_MIN)
+    }
+}
+
+impl Surround {
+    /// From the middles and scatters of all cells.
+    pub(super) fn new(levels: &[f32], scatter: &[f32]) -> Self {
+        Self { cells: levels.iter().copied().zip(scatter.iter().copied()).collect() }
+    }
+
+    /// Middles and scatters of all cells.
+    pub(super) fn planes(&self) -> (Vec<f32>, Vec<f32>) {
+        self.cells.iter().copied().unzip()
+    }
+
+    /// Whether something of this brightness at a point of the tray frame is what parts have round them, as far as
+    /// `tolerance` tells.
+    pub(super) fn explains(
+        &self,
+        view: &View,
+        sought: &Sought,
+        (centre, yaw_rad): (Point2<f64>, f64),
+        (point, level): (Point2<f64>, f32),
+        tolerance: f32,
+    ) -> bool {
+        let from_centre = point - centre;
+        let radius_m = from_centre.norm();
+        let along = if radius_m > 0.0 { from_centre / radius_m } else { Vector2::x() };
+        let beyond_px = (radius_m - exit_m(sought, along, yaw_rad)) / sought.m_per_px;
+        if beyond_px >= DISTANCES as f64 {
+            return false;
+        }
+        if beyond_px <= BLURRED_PX {
+            return true;
+        }
+        let on_platen_rad = along.y.atan2(along.x) + view.platen_from_tray.rotation.angle();
+        let turns = (on_platen_rad / std::f64::consts::TAU).rem_euclid(1.0) * DIRECTIONS as f64;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "not negative, and small")]
+        let (direction, distance) = (turns.round() as usize % DIRECTIONS, beyond_px as usize);
+        let (mut low, mut high) = (0.0_f32, 0.0_f32);
+        for row in distance.saturating_sub(1)..(distance + 2).min(DISTANCES) {
+            for column in [direction + DIRECTIONS - 1, direction, direction + 1] {
+                let (middle, scatter) = self.cells[row * DIRECTIONS + column % DIRECTIONS];
+                low = low.min(middle - scatter);
+                high = high.max(middle + scatter);
+            }
+        }
+        level >= low - tolerance && level <= high + tolerance
+    }
+}
+
+/// How far from its centre a direction of the tray frame leaves the outline of a part turned by a yaw, m.
+fn exit_m(sought: &Sought, along: Vector2<f64>, yaw_rad: f64) -> f64 {
+    let along = Rotation2::new(-yaw_rad) * along;
+    let outline = &sought.outline_m;
+    let crossing = |(index, from): (usize, &Point2<f64>)| {
+        let edge = outline[(index + 1) % outline.len()] - from;
+        let outwards = Vector2::new(edge.y, -edge.x);
+        let steep = outwards.dot(&along);
+        (steep > 0.0).then(|| outwards.dot(&from.coords) / steep)
+    };
+    // The outline is convex: the nearest of its edges' lines that the ray meets is the one it leaves by.
+    outline.iter().enumerate().filter_map(crossing).fold(sought.radius_m, f64::min).max(0.0)
+}

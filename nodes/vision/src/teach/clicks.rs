@@ -1,0 +1,258 @@
+//! Teaches by clicks: somebody points at parts in a few pictures and says in what pose they lie; place and yaw are fitted.
+//!
+//! A model rendered from the part's drawing, whatever its light, finds each part near its click. The templates are learned
+//! anew from the parts found, in turns with the fits; a click that what was learned does not bear out is named.
+
+use image::GrayImage;
+use nalgebra::{Isometry2, Point2, Vector2};
+
+use super::super::align::Fit;
+use super::super::detector::Detector;
+use super::super::template::PartModel;
+use super::super::view::View;
+use super::exam::Exam;
+use super::{LaidPart, PoseSpec, TeachError, TeachFrame, TeachSpec, learn};
+use feeder_model::camera::{CameraModel, MountedTray};
+use feeder_model::range::OutOfRange;
+
+/// How far a click may miss the middle of a part, m.
+const CLICK_MISS_M: f64 = 0.001_5;
+/// Turns of fitting and learning.
+const ROUNDS: usize = 2;
+/// A part that fits worse than the usual one of its pose by this factor is not what was said.
+const MISFIT_RATIO: f32 = 3.0;
+
+/// Clicks of a pose that tell where its parts lie, all taken together, and how sure that must be, in standard deviations.
+const CENTRED_MIN: usize = 8;
+const AGREED_SIGMAS: f64 = 3.0;
+
+/// What somebody says of a thing in a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClickLabel {
+    /// A part in this resting pose.
+    Pose(usize),
+    /// A part in some pose that is not asked for.
+    Other,
+    /// No part: it must not be taken for one.
+    Foreign,
+}
+
+/// A thing pointed at.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Click {
+    /// About its middle, px, the middle of the first pixel being 0: at most 1.5 mm beside it.
+    pub pixel: Point2<f64>,
+    /// What it is.
+    pub label: ClickLabel,
+}
+
+/// A picture and what somebody pointed at in it. What nobody pointed at counts as unknown.
+#[derive(Clone, Copy, Debug)]
+pub struct ClickedPicture<'a> {
+    /// The picture.
+    pub image: &'a GrayImage,
+    /// Pose of the tray when it was taken.
+    pub platen_from_tray: Isometry2<f64>,
+    /// The things pointed at.
+    pub clicks: &'a [Click],
+}
+
+/// What speaks against a click.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ClickDoubt {
+    /// Nothing there looks like the part in the pose said.
+    NotFound,
+    /// It looks more like another pose.
+    LooksLike {
+        /// Which.
+        pose: usize,
+    },
+    /// It fits much worse than others of the pose do: by this factor.
+    FitsBadly {
+        /// Mean square miss over the usual one.
+        ratio: f32,
+    },
+    /// Another click means the same part.
+    Twice,
+}
+
+/// A click on a part, with the part found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FittedClick {
+    /// Index of the picture, and of the click in it.
+    pub picture: usize,
+    /// As for the picture.
+    pub click: usize,
+    /// The part, if one was found.
+    pub part: Option<LaidPart>,
+    /// Mean square miss of its picture, in standard deviations.
+    pub miss: f32,
+    /// What speaks against it; such a part is not learned from.
+    pub doubt: Option<ClickDoubt>,
+}
+
+/// What was learned from clicks.
+#[derive(Clone, Debug)]
+pub struct ClickLesson {
+    /// The part.
+    pub model: PartModel,
+    /// The clicks on parts, in the order of pictures and clicks.
+    pub fits: Vec<FittedClick>,
+}
+
+/// Finds the parts that clicks point at, with a model of the part in any light.
+///
+/// # Errors
+///
+/// [`TeachError`] if a click names a pose that the model does not know, or a picture cannot be used.
+pub fn fit_clicks(
+    pictures: &[ClickedPicture],
+    model: &PartModel,
+    camera: &CameraModel,
+    tray: &MountedTray,
+    contrast_min_levels: f64,
+) -> Result<Vec<FittedClick>, TeachError> {
+    let mut detector = Detector::new(camera, tray, model);
+    let mut fits = Vec::new();
+    for (picture, shown) in pictures.iter().enumerate() {
+        let fault = |source| TeachError::Frame { index: picture, source };
+        detector.look(shown.image, &shown.platen_from_tray, contrast_min_levels).map_err(fault)?;
+        let view = View { camera, tray, platen_from_tray: shown.platen_from_tray };
+        let first = fits.len();
+        for (click, at) in shown.clicks.iter().enumerate() {
+            let ClickLabel::Pose(pose) = at.label else { continue };
+            let known = pose < model.poses.len();
+            OutOfRange::unless(known, "teach.clicks.pose", pose as f64, "an index of the poses taught")?;
+            let mut fitted = fit(&detector, &view, pose, at.pixel);
+            let same = |other: &FittedClick| match (other.part, fitted.part) {
+                (Some(a), Some(b)) => (a.place - b.place).norm() < 0.5 * detector.sought[pose].radius_m,
+                _ => false,
+            };
+            if fits[first..].iter().any(same) {
+                fitted.doubt = Some(ClickDoubt::Twice);
+            }
+            fits.push(FittedClick { picture, click, ..fitted });
+        }
+    }
+    centre_on_clicks(pictures, &mut fits, model, camera, tray);
+    doubt_misfits(&mut fits, model.poses.len());
+    Ok(fits)
+}
+
+/// The part in a pose near a pixel.
+fn fit(detector: &Detector, view: &View, pose: usize, pixel: Point2<f64>) -> FittedClick {
+    let none = FittedClick { picture: 0, click: 0, part: None, miss: 0.0, doubt: Some(ClickDoubt::NotFound) };
+    let near = |pose: usize| detector.near(view, pose, pixel, CLICK_MISS_M);
+    let Some(found) = near(pose) else { return none };
+    let Fit { centre, yaw_rad, cost, .. } = found;
+    // Another pose must not do better in the same place.
+    let better = (0..detector.sought.len())
+        .filter(|other| *other != pose)
+        .find(|other| near(*other).is_some_and(|other| other.cost < found.cost && other.evidence > found.evidence));
+    FittedClick {
+        part: Some(LaidPart { pose, place: centre, yaw_rad }),
+        miss: cost,
+        doubt: better.map(|pose| ClickDoubt::LooksLike { pose }),
+        ..none
+    }
+}
+
+/// Moves all parts of a pose as their clicks say, where the clicks agree about that: under a low lamp a part and its shadow
+/// look like one thing, and each fit errs the same way.
+fn centre_on_clicks(
+    pictures: &[ClickedPicture],
+    fits: &mut [FittedClick],
+    model: &PartModel,
+    camera: &CameraModel,
+    tray: &MountedTray,
+) {
+    for (pose, template) in model.poses.iter().enumerate() {
+        let height_m = tray.plateau_height_m() + 0.5 * template.height_m;
+        let aside = |fit: &FittedClick| {
+            let part = fit.part.filter(|part| part.pose == pose && fit.doubt.is_none())?;
+            let picture = &pictures[fit.picture];
+            let clicked = camera.back_project(picture.clicks[fit.click].pixel, height_m)?;
+            Some(clicked - picture.platen_from_tray * part.place)
+        };
+        let asides: Vec<Vector2<f64>> = fits.iter().filter_map(aside).collect();
+        let count = asides.len() as f64;
+        if asides.len() < CENTRED_MIN {
+            continue;
+        }
+        let mean = asides.iter().sum::<Vector2<f64>>() / count;
+        let variance = asides.iter().map(|aside| (aside - mean).norm_squared()).sum::<f64>() / (count - 1.0);
+        if mean.norm_squared() < AGREED_SIGMAS * AGREED_SIGMAS * variance / count {
+            continue;
+        }
+        for fit in fits.iter_mut() {
+            let turn = pictures[fit.picture].platen_from_tray.rotation;
+            if let Some(part) = fit.part.as_mut().filter(|part| part.pose == pose) {
+                part.place += turn.inverse() * mean;
+            }
+        }
+    }
+}
+
+/// Names the parts that fit much worse than the usual one of their pose.
+fn doubt_misfits(fits: &mut [FittedClick], poses: usize) {
+    for pose in 0..poses {
+        let of_pose = |fit: &FittedClick| fit.doubt.is_none() && fit.part.is_some_and(|part| part.pose == pose);
+        let mut misses: Vec<f32> = fits.iter().filter(|fit| of_pose(fit)).map(|fit| fit.miss).collect();
+        misses.sort_by(f32::total_cmp);
+        let Some(usual) = misses.get(misses.len() / 2).copied() else { continue };
+        for fit in fits.iter_mut().filter(|fit| of_pose(fit) && fit.miss > MISFIT_RATIO * usual) {
+            fit.doubt = Some(ClickDoubt::FitsBadly { ratio: fit.miss / usual });
+        }
+    }
+}
+
+/// Learns a part from clicks in pictures, beginning with a model rendered from its drawing for the same camera. `bare` are
+/// pictures of the plateau without parts, with the tray's pose; without any the plateau is learned between the parts.
+///
+/// # Errors
+///
+/// [`TeachError`] as for [`teach`](super::teach), for a drawn model of another camera, and for poses of which too few parts
+/// were found.
+pub fn teach_from_clicks(
+    pictures: &[ClickedPicture],
+    bare: &[(&GrayImage, Isometry2<f64>)],
+    drawn: &PartModel,
+    camera: &CameraModel,
+    tray: &MountedTray,
+    contrast_min_levels: f64,
+) -> Result<ClickLesson, TeachError> {
+    drawn.validate()?;
+    let pose = |pose: &super::super::template::PoseTemplate| PoseSpec {
+        height_m: pose.height_m,
+        outline_m: pose.outline_m.clone(),
+        yaw_symmetry: pose.yaw_symmetry,
+    };
+    let spec = TeachSpec { poses: drawn.poses.iter().map(pose).collect(), contrast_min_levels };
+    let mut fits = fit_clicks(pictures, drawn, camera, tray, contrast_min_levels)?;
+    let mut round = 1;
+    loop {
+        let laid: Vec<Vec<LaidPart>> = (0..pictures.len())
+            .map(|picture| {
+                let sound = fits.iter().filter(|fit| fit.picture == picture && fit.doubt.is_none());
+                sound.filter_map(|fit| fit.part).collect()
+            })
+            .collect();
+        let shown = pictures.iter().zip(&laid).filter(|(_, parts)| !parts.is_empty()).map(|(picture, parts)| {
+            TeachFrame { image: picture.image, platen_from_tray: picture.platen_from_tray, parts }
+        });
+        let bare = bare.iter().map(|(image, platen_from_tray)| TeachFrame {
+            image,
+            platen_from_tray: *platen_from_tray,
+            parts: &[],
+        });
+        let frames: Vec<TeachFrame> = bare.chain(shown).collect();
+        let mut model = learn(&frames, camera, tray, &spec, Some(drawn))?;
+        if round > ROUNDS {
+            Exam { frames: &frames, camera, tray, spec: &spec }.complete(&mut model)?;
+            return Ok(ClickLesson { model, fits });
+        }
+        Exam { frames: &frames, camera, tray, spec: &spec }.measure_rings(&mut model)?;
+        fits = fit_clicks(pictures, &model, camera, tray, contrast_min_levels)?;
+        round += 1;
+    }
+}
