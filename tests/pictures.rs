@@ -118,3 +118,24 @@ fn a_calibration_that_a_picture_gave_is_a_section_of_a_scenario() {
     let (_, refused, succeeded) = said(&["calibrate", "--tray", "0.1,0,0", text(&picture)]);
     assert!(!succeeded && refused.contains("nuts_ring.jpg"), "{refused}");
 }
+
+#[test]
+fn labels_that_make_no_sense_are_refused_by_line() {
+    let work = TempDir::new().unwrap();
+    let table = work.path().join("labels.csv");
+    for (lines, says) in [
+        (
+            "crowd_ring.jpg,300,300,hole_up\ncrowd_ring.jpg,300,300,hole\n",
+            "line 3: label \"hole\"; allowed: hole_up, boss_up, other, foreign",
+        ),
+        ("crowd_dome.jpg,300,300,hole_up\n", "line 2: picture \"crowd_dome.jpg\" is none of the 3 pictures"),
+        ("crowd_ring.jpg,700,300,hole_up\n", "line 2: x_px = 700 lies outside the picture of 640x480 px"),
+        ("crowd_ring.jpg,300,300,\n", "nothing is labelled"),
+    ] {
+        std::fs::write(&table, format!("picture,x_px,y_px,label\n{lines}")).unwrap();
+        let (_, refused, succeeded) = said(&["teach", "--pictures", PICTURES, "--labels", text(&table)]);
+        assert!(!succeeded && refused.contains("labels.csv") && refused.contains(says), "{refused}");
+    }
+    let (_, refused, succeeded) = said(&["teach", "--pictures", PICTURES]);
+    assert!(!succeeded && refused.contains("--propose"), "{refused}");
+}

@@ -43,7 +43,7 @@ pub(crate) fn run(args: &CalibrateArgs) -> anyhow::Result<()> {
     let scenario = load_untaught(args.scenario.as_deref())?;
     let (camera, tray) = (&scenario.camera.model, &scenario.tray);
     let platen_from_tray = pictures::tray_or_feeding_place(args.tray, &scenario);
-    let open = |file| Photo::open(file, camera);
+    let open = |file| Photo::open(file, camera, platen_from_tray);
     let photos: Vec<Photo> = args.pictures.iter().map(|file| open(file)).collect::<anyhow::Result<_>>()?;
     let shots: Vec<Shot> = photos.iter().map(|photo| Shot { image: &photo.image, platen_from_tray }).collect();
     let found = calibrate(&shots, camera, tray, !args.keep_k1).map_err(|error| {

@@ -92,16 +92,18 @@ impl Eyes {
     }
 
     fn look(&mut self, file: &Path, tray: &Isometry2<f64>) -> anyhow::Result<Line> {
-        let Photo { image, .. } = Photo::open(file, &self.config.camera)?;
+        let Photo { image, .. } = Photo::open(file, &self.config.camera, *tray)?;
         let found = self.selector.detect(&image, tray)?;
         // As in a run, nothing that lies where it cannot be told to lie is to be picked.
         let calibration = self.calibration(&image, tray);
         let candidates = found.iter().map(|candidate| self.seen(candidate, calibration.is_ok())).collect();
-        let doubts = match calibration {
+        let misplaced = match calibration {
             Ok(warning) => warning.map(|misalignment| misalignment.to_string()),
             Err(fault) => Some(fault.to_string()),
         };
-        Ok(Line { picture: file.display().to_string(), candidates, doubts: doubts.into_iter().collect() })
+        let causes = self.selector.health().causes().into_iter().map(|cause| cause.to_string());
+        let doubts = misplaced.into_iter().chain(causes).collect();
+        Ok(Line { picture: file.display().to_string(), candidates, doubts })
     }
 
     /// How far off the calibration is, if that is worth a warning.

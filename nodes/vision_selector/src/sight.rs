@@ -6,8 +6,8 @@ use feeder_runtime::node::ns_of_stamp;
 use feeder_scenario::ScenarioError;
 use feeder_scenario::plan::VisionSelectorConfig;
 use feeder_vision::{
-    CalibrationFault, CalibrationWatch, HealthWatch, ImageFault, NoPose, PictureError, PoseHistory, RawPicture, Selector,
-    ToldOptics, ToldOtherwise, TrackedCandidate, binned, decode, draw_overlay,
+    CalibrationFault, CalibrationWatch, HealthWatch, ImageFault, NoPose, PictureError, PoseHistory, RawPicture,
+    Selector, ToldOptics, ToldOtherwise, TrackedCandidate, binned, decode, draw_overlay,
 };
 use feeder_wire::pictures::{self, Encoding};
 use image::GrayImage;
