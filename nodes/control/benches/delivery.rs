@@ -48,7 +48,7 @@ fn trips(criterion: &mut Criterion) {
         part_gap_m: 0.01,
         refusals: Refusals::default(),
     });
-    let frame = CandidateFrame { stamp: Duration::ZERO, candidates: candidates.collect() };
+    let frame = CandidateFrame { stamp: Duration::ZERO, candidates: candidates.collect(), is_blind: false };
     let request = DeliveryRequest {
         station: "station_1".into(),
         part_class: "washer".into(),

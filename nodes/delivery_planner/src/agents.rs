@@ -275,6 +275,9 @@ impl DeliveryPlanner {
         if let Some(fault) = self.sequencer.fault() {
             return (Condition::Fault, fault.to_owned());
         }
+        if let Some(doubts) = self.unrecognised.as_ref().filter(|_| self.sequencer.is_starved()) {
+            return (Condition::Unrecognised, format!("no fitting part comes: {doubts}"));
+        }
         if let Some(trouble) = self.sequencer.feed_trouble().filter(|_| self.sequencer.is_starved()) {
             return (Condition::BadlyFed, format!("no fitting part comes: {trouble}"));
         }

@@ -20,6 +20,7 @@ use feeder_scenario::plan::{DeliveryPlannerConfig, NodeConfig, PlannedRecipe};
 use feeder_wire::area::{self, AreaRequest};
 use feeder_wire::delivery_state::PlannerStand;
 use feeder_wire::feeder_state::FeederReport;
+use feeder_wire::part_candidates::ImageWorth;
 use feeder_wire::{courier_state, frames, nodes, odometry, response, services, topics, trajectory};
 use minifactory_msgs::action::DeliverPart;
 use minifactory_msgs::control_msgs::action::FollowJointTrajectory;
@@ -95,6 +96,8 @@ pub struct DeliveryPlanner {
     /// When that was, ns.
     said_ns: u64,
     said_state: Option<FeederReport>,
+    /// What the selector says where much lies on the plateau and nothing of it is recognised in the latest image.
+    unrecognised: Option<String>,
     fact: Factsheet,
     said_fact: bool,
 }
@@ -163,6 +166,7 @@ impl FeederNode for DeliveryPlanner {
             said: PlannerStand::idle(),
             said_ns: 0,
             said_state: None,
+            unrecognised: None,
             fact: factsheet::of(config),
             said_fact: false,
         })
@@ -206,6 +210,8 @@ impl DeliveryPlanner {
             }
         }
         for message in io.take(&self.ports.part_candidates) {
+            let image = ImageWorth::of_message(&message);
+            self.unrecognised = image.is_blind.then(|| image.doubts.join("; "));
             match messages::candidate_frame(&message) {
                 Ok(frame) => self.sequencer.candidates(frame),
                 Err(error) => tracing::warn!("part_candidates passed over: {error}"),

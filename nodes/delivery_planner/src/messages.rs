@@ -40,13 +40,14 @@ pub(crate) fn candidate_frame(message: &PartCandidates) -> Result<CandidateFrame
     Ok(CandidateFrame {
         stamp: Duration::from_nanos(ns_of_stamp(&message.header.stamp)),
         candidates: seen.into_iter().filter(|part| !part.refusals.off_plateau).map(candidate).collect(),
+        is_blind: message.blind,
     })
 }
 
 #[cfg(test)]
 mod tests {
     use feeder_model::part::Refusals;
-    use feeder_wire::part_candidates::to_message;
+    use feeder_wire::part_candidates::{ImageWorth, to_message};
     use feeder_wire::stamp_of;
     use nalgebra::Vector2;
 
@@ -68,7 +69,8 @@ mod tests {
         let none = Refusals::default();
         let near = Refusals { part_too_near: true, ..none };
         let over_the_edge = Refusals { off_plateau: true, ..none };
-        let mut message = to_message("block", &[seen(1, none), seen(2, near), seen(3, over_the_edge)]);
+        let seen = [seen(1, none), seen(2, near), seen(3, over_the_edge)];
+        let mut message = to_message("block", &seen, &ImageWorth::default());
         message.header.stamp = stamp_of(Duration::from_millis(100));
         let frame = candidate_frame(&message).unwrap();
         let told: Vec<_> = frame.candidates.iter().map(|part| (part.id, part.refusals)).collect();

@@ -8,9 +8,10 @@ const REASONS = {
   waiting_for_handover: "A part waits under a station to be taken",
   waiting_for_area: "Another agent is in the way on the platen",
   badly_fed: "Parts do not move as the waveform should move them",
+  unrecognised: "Much lies on the plateau and nothing of it is recognised",
   fault: "Broken",
 };
-const PROMINENT = new Set(["starved", "badly_fed", "fault"]);
+const PROMINENT = new Set(["starved", "badly_fed", "unrecognised", "fault"]);
 
 /** @param {any} frame @param {any} status @returns {{key: string, isFault: boolean, who: string, text: string}[]} */
 function found(frame, status) {

@@ -133,6 +133,7 @@ fn state(message: &FeederState) -> Value {
         FeederState::WAITING_FOR_AREA => "waiting_for_area",
         FeederState::FAULT => "fault",
         FeederState::BADLY_FED => "badly_fed",
+        FeederState::UNRECOGNISED => "unrecognised",
         _ => "unknown",
     };
     json!({

@@ -24,6 +24,7 @@ use feeder_runtime::node::{
 use feeder_scenario::plan::{ImageTransport, NodeConfig, VisionSelectorConfig};
 use feeder_vision::{ImageFault, TimedPose};
 use feeder_wire::odometry::{self, EstimatedMotion};
+use feeder_wire::part_candidates::ImageWorth;
 use feeder_wire::{frames, nodes, topics};
 use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
 use minifactory_msgs::msg::PartCandidates;
@@ -211,18 +212,18 @@ impl VisionSelector {
             Err(_) => &mut self.frames.without_sense,
         };
         *count += 1;
-        let (tracked, fault) = match looked {
+        let (tracked, worth, fault) = match looked {
             Ok(picture) => {
                 if io.wanted(&self.ports.annotated) {
                     let image = self.sight.annotate(header, &picture);
                     io.publish(&self.ports.annotated, &image);
                 }
-                (picture.tracked, None)
+                (picture.tracked, self.sight.worth(), None)
             }
-            Err(fault) => (Vec::new(), Some(fault)),
+            Err(fault) => (Vec::new(), ImageWorth::default(), Some(fault)),
         };
         self.tell(io, fault);
-        let (shown, told) = self.names.messages(header, &tracked, &self.sight.selector);
+        let (shown, told) = self.names.messages(header, &tracked, &self.sight.selector, &worth);
         io.publish(&self.ports.candidates, &shown);
         io.publish(&self.ports.part_candidates, &told);
     }

@@ -2,7 +2,7 @@
 
 use feeder_vision::{Selector, TrackedCandidate};
 use feeder_wire::detections;
-use feeder_wire::part_candidates::{self, SeenPart};
+use feeder_wire::part_candidates::{self, ImageWorth, SeenPart};
 use minifactory_msgs::msg::PartCandidates;
 use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::vision_msgs::msg::Detection3DArray;
@@ -22,13 +22,14 @@ impl Names {
         image: &Header,
         tracked: &[TrackedCandidate],
         selector: &Selector,
+        worth: &ImageWorth,
     ) -> (Detection3DArray, PartCandidates) {
         let header = Header { stamp: image.stamp, frame_id: self.tray_frame.clone() };
         let parts: Vec<SeenPart> = tracked.iter().map(|part| self.seen_part(part, selector)).collect();
         let sizes_m = tracked.iter().map(|part| selector.size_m(&part.candidate));
         let on_plateau = parts.iter().zip(sizes_m).filter(|(part, _)| !part.refusals.off_plateau);
         let shown = detections::to_message(&header, &self.part, on_plateau);
-        (shown, PartCandidates { header, ..part_candidates::to_message(&self.part, &parts) })
+        (shown, PartCandidates { header, ..part_candidates::to_message(&self.part, &parts, worth) })
     }
 
     fn seen_part(&self, part: &TrackedCandidate, selector: &Selector) -> SeenPart {

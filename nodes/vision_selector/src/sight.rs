@@ -6,9 +6,10 @@ use feeder_runtime::node::ns_of_stamp;
 use feeder_scenario::ScenarioError;
 use feeder_scenario::plan::VisionSelectorConfig;
 use feeder_vision::{
-    CalibrationFault, CalibrationWatch, HealthWatch, ImageFault, NoPose, PictureError, PoseHistory, RawPicture,
-    Selector, ToldOptics, ToldOtherwise, TrackedCandidate, binned, decode, draw_overlay,
+    CalibrationFault, CalibrationWatch, HealthCause, HealthWatch, ImageFault, NoPose, PictureError, PoseHistory,
+    RawPicture, Selector, ToldOptics, ToldOtherwise, TrackedCandidate, binned, decode, draw_overlay,
 };
+use feeder_wire::part_candidates::ImageWorth;
 use feeder_wire::pictures::{self, Encoding};
 use image::GrayImage;
 use minifactory_msgs::sensor_msgs::msg::{CameraInfo, CompressedImage, Image};
@@ -151,6 +152,18 @@ impl Sight {
     fn doubts(&self) -> Option<String> {
         let causes: Vec<String> = self.health.causes().map(|cause| cause.to_string()).collect();
         (!causes.is_empty()).then(|| causes.join("; "))
+    }
+
+    /// What the latest image is worth; one that was not looked at shows nothing.
+    pub(crate) fn worth(&self) -> ImageWorth {
+        let health = self.selector.health();
+        let causes: Vec<HealthCause> = self.health.causes().collect();
+        ImageWorth {
+            covered_ratio: health.covered_ratio,
+            explained_ratio: health.explained_ratio,
+            is_blind: causes.contains(&HealthCause::NothingRecognised),
+            doubts: causes.iter().map(ToString::to_string).collect(),
+        }
     }
 
     /// Whether an image was taken after all that were looked at. One with a stamp that nobody can place makes no other old.

@@ -113,7 +113,7 @@ fn both_messages_tell_of_the_same_parts_and_one_of_what_speaks_against_them() {
         let message = message(frame, &good);
         let tracked = sight.look(&message).unwrap().tracked;
         let header = message.header();
-        let (shown, told) = names.messages(header, &tracked, &sight.selector);
+        let (shown, told) = names.messages(header, &tracked, &sight.selector, &sight.worth());
         assert_eq!((&told.header, told.parts.len()), (&shown.header, 1));
         assert_eq!(told.parts[0].id.to_string(), shown.detections[0].id);
         // A first look alone is not sure enough; eight are.

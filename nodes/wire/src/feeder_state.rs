@@ -19,6 +19,8 @@ pub enum Condition {
     Starved,
     /// No fitting part comes, and parts do not move as the waveform should move them.
     BadlyFed,
+    /// No fitting part comes, though much lies on the plateau: the selector does not recognise it.
+    Unrecognised,
     /// A fault stopped it.
     Fault,
     /// It empties the plateau.
@@ -36,6 +38,7 @@ fn numbers(condition: Condition) -> (u8, u8) {
         Condition::AwaitsArea => (S::SUSPENDED, S::WAITING_FOR_AREA),
         Condition::Starved => (S::HELD, S::STARVED),
         Condition::BadlyFed => (S::HELD, S::BADLY_FED),
+        Condition::Unrecognised => (S::HELD, S::UNRECOGNISED),
         Condition::Fault => (S::ABORTED, S::FAULT),
         Condition::Purging => (S::CLEARING, S::NO_REASON),
     }
@@ -52,6 +55,7 @@ fn condition_of(state: u8, reason: u8) -> Result<Condition, UnknownCondition> {
         (S::SUSPENDED, S::WAITING_FOR_AREA) => Condition::AwaitsArea,
         (S::HELD, S::STARVED) => Condition::Starved,
         (S::HELD, S::BADLY_FED) => Condition::BadlyFed,
+        (S::HELD, S::UNRECOGNISED) => Condition::Unrecognised,
         (S::ABORTED, S::FAULT) => Condition::Fault,
         (S::CLEARING, S::NO_REASON) => Condition::Purging,
         _ => return Err(UnknownCondition { state, reason }),
@@ -120,6 +124,7 @@ mod tests {
             C::AwaitsArea,
             C::Starved,
             C::BadlyFed,
+            C::Unrecognised,
             C::Fault,
             C::Purging,
         ];

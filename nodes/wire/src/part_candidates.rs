@@ -29,6 +29,39 @@ pub struct SeenPart {
     pub refusals: Refusals,
 }
 
+/// What an image of the plateau is worth.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImageWorth {
+    /// Share of the plateau on which something lies, 0 to 1.
+    pub covered_ratio: f64,
+    /// Share of that which recognised parts account for, 0 to 1; 1 where nothing lies.
+    pub explained_ratio: f64,
+    /// Much lies there and next to nothing of it is recognised.
+    pub is_blind: bool,
+    /// What makes the image doubtful, in words.
+    pub doubts: Vec<String>,
+}
+
+impl Default for ImageWorth {
+    /// Of an image that shows nothing, and of one that was not looked at.
+    fn default() -> Self {
+        Self { covered_ratio: 0.0, explained_ratio: 1.0, is_blind: false, doubts: Vec::new() }
+    }
+}
+
+impl ImageWorth {
+    /// What a message says of its image.
+    #[must_use]
+    pub fn of_message(message: &PartCandidates) -> Self {
+        Self {
+            covered_ratio: message.covered_ratio,
+            explained_ratio: message.explained_ratio,
+            is_blind: message.blind,
+            doubts: message.doubts.clone(),
+        }
+    }
+}
+
 impl SeenPart {
     /// Its pose in the tray frame.
     pub(crate) fn pose_in_tray(&self) -> UprightPose {
@@ -64,7 +97,7 @@ fn all_bits() -> u8 {
 
 /// The message; its header is left to the publisher.
 #[must_use]
-pub fn to_message(part_class: &str, parts: &[SeenPart]) -> PartCandidates {
+pub fn to_message(part_class: &str, parts: &[SeenPart], image: &ImageWorth) -> PartCandidates {
     let parts = parts.iter().map(|part| {
         let mut refusals = part.refusals;
         PartCandidate {
@@ -78,7 +111,15 @@ pub fn to_message(part_class: &str, parts: &[SeenPart]) -> PartCandidates {
             refusals: REASONS.iter().filter(|(_, kept)| *kept(&mut refusals)).map(|(bit, _)| bit).sum(),
         }
     });
-    PartCandidates { part_class: part_class.to_owned(), parts: parts.collect(), ..PartCandidates::default() }
+    PartCandidates {
+        part_class: part_class.to_owned(),
+        parts: parts.collect(),
+        covered_ratio: image.covered_ratio,
+        explained_ratio: image.explained_ratio,
+        blind: image.is_blind,
+        doubts: image.doubts.clone(),
+        ..PartCandidates::default()
+    }
 }
 
 /// The parts of a message.
@@ -136,7 +177,14 @@ mod tests {
                 *kept(&mut refusals) = bits >> index & 1 == 1;
             }
             let sent = [part(refusals), SeenPart { pose_class: None, ..part(refusals) }];
-            let message = to_message("block", &sent);
+            let image = ImageWorth {
+                covered_ratio: 0.1,
+                explained_ratio: 0.2,
+                is_blind: bits % 2 == 1,
+                doubts: vec!["the light differs".to_owned()],
+            };
+            let message = to_message("block", &sent, &image);
+            assert_eq!(ImageWorth::of_message(&message), image);
             assert_eq!(message.parts[0].refusals == 0, refusals.may_be_picked());
             let mut came = from_message(&message).unwrap();
             for part in &mut came {
@@ -149,7 +197,7 @@ mod tests {
 
     #[test]
     fn a_reason_unknown_is_an_error_that_names_the_part() {
-        let mut message = to_message("block", &[part(Refusals::default())]);
+        let mut message = to_message("block", &[part(Refusals::default())], &ImageWorth::default());
         message.parts[0].refusals = 33;
         let error = from_message(&message).unwrap_err();
         assert_eq!(error.to_string(), "refusals of part 7 = 33, allowed are sums of the constants, 0 to 31");

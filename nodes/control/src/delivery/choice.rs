@@ -38,6 +38,8 @@ pub struct CandidateFrame {
     pub stamp: Stamp,
     /// The parts in it, and things that may be parts, that lie wholly on the plateau.
     pub candidates: Vec<OfferedPart>,
+    /// Much lies on the plateau and next to nothing of it is recognised: nothing seen does not mean that nothing is there.
+    pub is_blind: bool,
 }
 
 /// A part chosen for a station.
@@ -163,7 +165,7 @@ mod tests {
     #[test]
     fn protecting_all_adds_the_plateau_and_the_ramp() {
         let (mut config, planner, _) = setup();
-        let frame = CandidateFrame { stamp: Stamp::ZERO, candidates: vec![candidate(1, 0.0, -0.07)] };
+        let frame = CandidateFrame { stamp: Stamp::ZERO, candidates: vec![candidate(1, 0.0, -0.07)], is_blind: false };
         let protected = |config: &DeliveryConfig| protected_parts(config, &planner, &[], Some(&frame)).len();
         assert_eq!(protected(&config), 0);
         config.policy = Policy::All;

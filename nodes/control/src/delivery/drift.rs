@@ -109,7 +109,7 @@ impl Drift {
             let position_in_tray_m = Rotation2::new(turn_rad) * candidate.position_in_tray_m;
             OfferedPart { position_in_tray_m, refusals, ..candidate.clone() }
         });
-        CandidateFrame { stamp: frame.stamp, candidates: candidates.collect() }
+        CandidateFrame { stamp: frame.stamp, candidates: candidates.collect(), is_blind: frame.is_blind }
     }
 
     /// How long a part will stay on the plateau if feeding goes on, s.
@@ -154,7 +154,7 @@ mod tests {
     fn frame(at_ms: u64, angles_rad: &[(u64, f64)]) -> CandidateFrame {
         let candidates: Vec<OfferedPart> =
             angles_rad.iter().map(|&(id, angle)| candidate(id, 0.07 * angle.cos(), 0.07 * angle.sin())).collect();
-        CandidateFrame { stamp: Stamp::from_millis(at_ms), candidates }
+        CandidateFrame { stamp: Stamp::from_millis(at_ms), candidates, is_blind: false }
     }
 
     fn fed(drift: &mut Drift, rate_rad_s: f64) {

@@ -182,7 +182,7 @@ mod tests {
             .zip(stations)
             .map(|(id, &(x, y))| Open { id: DeliveryId(id), request: &request, station_m: Vector2::new(x, y) })
             .collect();
-        let frame = CandidateFrame { stamp: Stamp::ZERO, candidates: candidates.to_vec() };
+        let frame = CandidateFrame { stamp: Stamp::ZERO, candidates: candidates.to_vec(), is_blind: false };
         best_tour(&frame, &open, &config, &planner, &OVERHEADS)
     }
 

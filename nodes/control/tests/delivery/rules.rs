@@ -63,7 +63,8 @@ impl ByHand {
             part_gap_m: 0.01,
             refusals: Refusals::default(),
         });
-        self.sequencer.candidates(CandidateFrame { stamp: at(s), candidates: candidates.collect() });
+        let candidates = candidates.collect();
+        self.sequencer.candidates(CandidateFrame { stamp: at(s), candidates, is_blind: false });
     }
 
     fn step(&mut self, s: f64) -> Vec<Output> {
@@ -139,6 +140,31 @@ fn a_courier_that_moves_again_during_the_look_is_looked_at_anew() {
     assert_eq!(hand.departs(1.13), None);
     hand.see(1.12, &[PART_M]);
     assert!(hand.departs(1.14).is_some());
+}
+
+#[test]
+fn a_purge_does_not_take_a_plateau_on_which_nothing_is_recognised_for_an_empty_one() {
+    let mut hand = ByHand::new(config(), 0.5e-3, None);
+    assert!(hand.sequencer.cancel(at(1.0), hand.id));
+    hand.sequencer.purge(at(1.1), Duration::from_secs(3)).unwrap();
+    let mut purged = |is_blind: bool, s: f64| {
+        hand.sequencer.candidates(CandidateFrame { stamp: at(s), candidates: Vec::new(), is_blind });
+        hand.step(s).into_iter().find_map(|output| match output {
+            Output::Purged(result) => Some(result),
+            _ => None,
+        })
+    };
+    for frame in 1..=20 {
+        assert_eq!(purged(true, 1.1 + 0.1 * f64::from(frame)), None);
+    }
+    let gave_up = purged(true, 4.2);
+    assert!(matches!(&gave_up, Some(Err(reason)) if reason.contains("not recognised")), "{gave_up:?}");
+    hand.sequencer.purge(at(5.0), Duration::from_secs(3)).unwrap();
+    let mut purged = |s: f64| {
+        hand.sequencer.candidates(CandidateFrame { stamp: at(s), candidates: Vec::new(), is_blind: false });
+        hand.step(s).contains(&Output::Purged(Ok(())))
+    };
+    assert!((1..=10).any(|frame| purged(5.0 + 0.1 * f64::from(frame))));
 }
 
 #[test]

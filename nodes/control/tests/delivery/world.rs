@@ -315,7 +315,7 @@ impl World {
             part_gap_m: 0.01,
             refusals: part.refusals,
         });
-        CandidateFrame { stamp: self.now, candidates: candidates.collect() }
+        CandidateFrame { stamp: self.now, candidates: candidates.collect(), is_blind: false }
     }
 
     pub(crate) fn run(&mut self, seconds: u64) {

@@ -84,13 +84,19 @@ impl DeliverySequencer {
     ) -> bool {
         self.feed(true);
         if now >= deadline {
-            let left = self.frame.as_ref().map_or(0, |frame| frame.candidates.len());
-            return self.end_purge(Err(format!("{left} parts are still on the plateau")));
+            let reason = match &self.frame {
+                Some(frame) if frame.is_blind => "what lies on the plateau is not recognised".to_owned(),
+                frame => {
+                    let left = frame.as_ref().map_or(0, |frame| frame.candidates.len());
+                    format!("{left} parts are still on the plateau")
+                }
+            };
+            return self.end_purge(Err(reason));
         }
         let Some(frame) = self.frame.as_ref().filter(|frame| frame.stamp > since && seen < Some(frame.stamp)) else {
             return false;
         };
-        let empty = if frame.candidates.is_empty() { empty + 1 } else { 0 };
+        let empty = if frame.candidates.is_empty() && !frame.is_blind { empty + 1 } else { 0 };
         self.state = SequencerState::Purging { since, deadline, empty, seen: Some(frame.stamp) };
         empty >= Self::EMPTY_LOOKS && self.end_purge(Ok(()))
     }
