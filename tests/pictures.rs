@@ -102,7 +102,10 @@ fn what_is_no_picture_of_the_camera_is_named_and_the_others_are_looked_at() {
         let doubt = line["doubts"][0].as_str().unwrap();
         assert!(doubt.contains(says), "{doubt:?} does not say {says:?}");
     }
-    assert_eq!(lines[3].to_string(), r#"{"candidates":[],"doubts":[]}"#);
+    // A bare plateau under a lamp never taught, whose hub throws a long shadow: that is said, and nothing is seen.
+    assert_eq!(lines[3]["candidates"], Value::Array(Vec::new()));
+    let doubts = lines[3]["doubts"].to_string();
+    assert!(doubts.contains("the light differs") && doubts.contains("nothing there is recognised"), "{doubts}");
 }
 
 #[test]

@@ -42,6 +42,7 @@ fn the_built_in_scenario_delivers_parts_the_right_way_up_and_without_slip() {
         "real_time_factor",
         "selected",
         "sim_s",
+        "slips_unknown",
         "startup_s",
         "succeeded",
         "wall_s",

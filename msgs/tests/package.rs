@@ -68,7 +68,7 @@ fn every_field_and_constant_of_our_own_is_explained() {
         for field in &structure.body.fields {
             assert!(!field.doc.is_empty(), "{name}: {} has no comment", field.name);
             if field.ty.element == Element::Float64 {
-                let doc = field.doc.join(" ");
+                let doc = field.doc.join(" ").to_lowercase();
                 let units = ["second", "metre", "m/s", "rad", "per minute", "number of", "share of"];
                 let names_unit = units.iter().any(|unit| doc.contains(unit));
                 assert!(names_unit, "{name}: the comment of {} has no unit", field.name);

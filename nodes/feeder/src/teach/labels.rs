@@ -62,7 +62,7 @@ fn parse(text: &[u8], pictures: &[PathBuf], poses: &[String]) -> anyhow::Result<
     let headers = reader.headers()?.clone();
     let mut record = csv::StringRecord::new();
     while reader.read_record(&mut record)? {
-        let line = record.position().map_or(0, csv::Position::line);
+        let line = record.position().map_or(0, |position| line_of(text, position));
         let row: Row = record.deserialize(Some(&headers)).with_context(|| format!("line {line}"))?;
         if !row.label.is_empty() {
             clicks.push(click(line, &row, pictures, poses).with_context(|| format!("line {line}"))?);
@@ -70,6 +70,14 @@ fn parse(text: &[u8], pictures: &[PathBuf], poses: &[String]) -> anyhow::Result<
     }
     ensure!(!clicks.is_empty(), "nothing is labelled; allowed labels: {}", allowed(poses));
     Ok(clicks)
+}
+
+/// The line of the record that was read from here on: what is skipped before it counts too.
+fn line_of(text: &[u8], position: &csv::Position) -> u64 {
+    let rest = usize::try_from(position.byte()).ok().and_then(|byte| text.get(byte..)).unwrap_or_default();
+    let lines = rest.split(|byte| *byte == b'\n');
+    let skipped = lines.take_while(|line| matches!(*line, b"" | b"\r") || line.starts_with(b"#")).count();
+    position.line() + skipped as u64
 }
 
 fn click(line: u64, row: &Row, pictures: &[PathBuf], poses: &[String]) -> anyhow::Result<Click> {
