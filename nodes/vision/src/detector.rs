@@ -84,6 +84,25 @@ pub(super) struct Found {
     pub evidence_per_texel: f32,
 }
 
+impl Found {
+    /// A fit of which nothing else is known yet.
+    fn new(pose: usize, fit: Fit) -> Self {
+        Self {
+            pose,
+            fit,
+            lead: f32::INFINITY,
+            unlike: 0.0,
+            in_company: false,
+            weak: false,
+            turned: None,
+            rival: None,
+            first_cost: fit.cost,
+            lead_ratio: None,
+            evidence_per_texel: 0.0,
+        }
+    }
+}
+
 /// Finds parts in single frames.
 #[derive(Clone, Debug)]
 pub(super) struct Detector {
@@ -266,23 +285,7 @@ impl Detector {
 
     /// The fit of a pose that a guess of place and yaw leads to, in the frame looked at last.
     pub(super) fn fit_from(&self, view: &View, pose: usize, guess: Fit) -> Option<Fit> {
-        self.fitted(
-            view,
-            Found {
-                pose,
-                fit: guess,
-                lead: f32::INFINITY,
-                unlike: 0.0,
-                in_company: false,
-                weak: false,
-                turned: None,
-                rival: None,
-                first_cost: 0.0,
-                lead_ratio: None,
-                evidence_per_texel: 0.0,
-            },
-        )
-        .map(|found| found.fit)
+        self.fitted(view, Found::new(pose, guess)).map(|found| found.fit)
     }
 
     /// First guesses of the yaw at a seed: as the rings tell the light there or, where that leads to none, as taught.
@@ -330,19 +333,7 @@ impl Detector {
             let (cost, evidence) = looks[index];
             let amounts = modes::all(&seed.light);
             let yaw_rad = turns[index].yaw_rad - view.platen_from_tray.rotation.angle();
-            Found {
-                pose: seed.pose,
-                fit: Fit { centre, yaw_rad, cost, evidence, amounts },
-                lead: f32::INFINITY,
-                unlike: 0.0,
-                in_company: false,
-                weak: false,
-                turned: None,
-                rival: None,
-                first_cost: cost,
-                lead_ratio: None,
-                evidence_per_texel: 0.0,
-            }
+            Found::new(seed.pose, Fit { centre, yaw_rad, cost, evidence, amounts })
         }));
     }
 

@@ -332,7 +332,7 @@ impl Segmentation {
     }
 
     /// Where the tray frame shows foreground that has no owner, further than `strip_px` from the plateau's edges, and how
-    /// bright it is there, relative to the plateau: both ends of every run of pixels, and points between them.
+    /// bright it is there, relative to the plateau: every pixel of it.
     pub(super) fn foreground_points(
         &self,
         view: &View,
@@ -340,7 +340,6 @@ impl Segmentation {
         strip_px: f64,
         owners: &[u16],
     ) -> Vec<Uncovered> {
-        const SPACING: usize = 1;
         let width = self.window.width;
         let strip_m = strip_px * view.camera.m_per_px(height_m);
         let geometry = &view.tray.geometry;
@@ -352,7 +351,7 @@ impl Segmentation {
             while let Some(start) = (column..width).find(|column| open(*column)) {
                 column = (start..width).find(|column| !open(*column)).unwrap_or(width);
                 let mut counted = start;
-                for place in (start..column - 1).step_by(SPACING).chain([column - 1]) {
+                for place in start..column {
                     let pixel = Point2::new((self.window.left + place) as f64, (self.window.top + row) as f64);
                     let Some(point) = view.tray_point(pixel, height_m) else {
                         continue;

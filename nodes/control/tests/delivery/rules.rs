@@ -5,14 +5,13 @@ use std::time::Duration;
 use feeder_control::courier::CourierLimits;
 use feeder_control::delivery::{
     CandidateFrame, CourierReport, Delivered, DeliveryConfig, DeliveryId, DeliverySequencer, Failure, HandOver, MoveId,
-    OfferedPart, Output, Refusal, Stamp, Warning,
+    Output, Refusal, Stamp, Warning,
 };
 use feeder_model::motor::Load;
-use feeder_model::part::Refusals;
 use feeder_model::tray::TrayGeometry;
 use nalgebra::{Vector2, Vector3};
 
-use crate::world::{asking, config};
+use crate::world::{asking, config, washer};
 
 /// Where the parts lie in the tray, and where the courier stands to bring them under the station `right`.
 const PART_M: [f64; 2] = [0.0, -0.07];
@@ -53,16 +52,7 @@ impl ByHand {
 
     /// A picture shows parts at these places, m.
     fn see(&mut self, s: f64, places_m: &[[f64; 2]]) {
-        let candidates = (1..).zip(places_m).map(|(id, &place_m)| OfferedPart {
-            id,
-            position_in_tray_m: place_m.into(),
-            yaw_in_tray_rad: 0.0,
-            part_class: "washer".into(),
-            pose_class: Some("face_up".into()),
-            radius_m: 0.0025,
-            part_gap_m: 0.01,
-            refusals: Refusals::default(),
-        });
+        let candidates = (1..).zip(places_m).map(|(id, &place_m)| washer(id, place_m.into()));
         let candidates = candidates.collect();
         self.sequencer.candidates(CandidateFrame { stamp: at(s), candidates, is_blind: false });
     }

@@ -106,6 +106,20 @@ pub(crate) fn config() -> DeliveryConfig {
     }
 }
 
+/// A washer that may be picked.
+pub(crate) fn washer(id: u64, position_in_tray_m: Vector2<f64>) -> OfferedPart {
+    OfferedPart {
+        id,
+        position_in_tray_m,
+        yaw_in_tray_rad: 0.3,
+        part_class: "washer".into(),
+        pose_class: Some(World::FACE_UP.into()),
+        radius_m: 0.0025,
+        part_gap_m: 0.01,
+        refusals: Refusals::default(),
+    }
+}
+
 pub(crate) fn asking(station: &str, tolerance_m: f64) -> DeliveryRequest {
     DeliveryRequest {
         station: station.into(),
@@ -306,14 +320,9 @@ impl World {
 
     fn frame(&self) -> CandidateFrame {
         let candidates = self.parts.iter().map(|part| OfferedPart {
-            id: part.id,
-            position_in_tray_m: part.position_in_tray_m,
-            yaw_in_tray_rad: 0.3,
-            part_class: "washer".into(),
             pose_class: Some(part.pose_class.into()),
-            radius_m: 0.0025,
-            part_gap_m: 0.01,
             refusals: part.refusals,
+            ..washer(part.id, part.position_in_tray_m)
         });
         CandidateFrame { stamp: self.now, candidates: candidates.collect(), is_blind: false }
     }
