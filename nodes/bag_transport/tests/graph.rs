@@ -163,6 +163,17 @@ impl Playing {
     }
 }
 
+/// Has these topics played to late readers too: the player may find a reader some time after it was started.
+fn for_late_readers(topics: &[&str]) -> PlaySettings {
+    let yaml: String = topics.iter().map(|topic| format!("{topic}:\n  durability: transient_local\n")).collect();
+    PlaySettings { qos_overrides: feeder_bags::qos::parse_overrides(&yaml).unwrap(), ..PlaySettings::default() }
+}
+
+/// A reader that gets what was published before it came.
+fn late_reader() -> Qos {
+    Qos { durability: Durability::TransientLocal, backlog: 4096, ..Qos::command() }
+}
+
 fn text_of(number: u64) -> String {
     format!("message {number}")
 }
@@ -188,19 +199,16 @@ fn a_bag_is_played_as_it_was_recorded_to_other_names_and_without_its_types() {
 
     let listener = participant(&domain, "listener");
     let heard = Heard::default();
-    let reliable = Qos { backlog: 1024, ..Qos::command() };
     let _readers = [
-        heard.listen(&listener, "/thing", UNKNOWN, &reliable),
-        heard.listen(&listener, "/renamed", &Text::INFO.dds_type(), &reliable),
+        heard.listen(&listener, "/thing", UNKNOWN, &late_reader()),
+        heard.listen(&listener, "/renamed", &Text::INFO.dds_type(), &late_reader()),
         heard.listen(&listener, "/clock", &Clock::INFO.dds_type(), &Qos::sensor()),
     ];
-    let overrides = feeder_bags::qos::parse_overrides("/text:\n  durability: transient_local\n").unwrap();
     let settings = PlaySettings {
         start_paused: true,
         remaps: [("/text".to_owned(), "/renamed".to_owned())].into(),
-        qos_overrides: overrides,
         clock_hz: Some(100.0),
-        ..PlaySettings::default()
+        ..for_late_readers(&["/text", "/thing"])
     };
     let playing = Playing::start(&domain, Arc::new(Bag::open(&folder).unwrap()), settings);
     wait_for("the player", || {
@@ -213,7 +221,6 @@ fn a_bag_is_played_as_it_was_recorded_to_other_names_and_without_its_types() {
     // Time stands still, and /clock says so again and again.
     wait_for("a reader of each", || heard.of("/clock").len() > 3);
     assert_eq!(heard.of("/thing").len(), 0);
-    std::thread::sleep(Duration::from_millis(300));
     playing.controls.send(Control::Resume(Done::nobody())).unwrap();
     wait_for("all messages", || heard.of("/thing").len() == 200 && heard.texts("/renamed").len() == 200);
     let played = playing.end();
@@ -235,12 +242,11 @@ fn the_services_of_rosbag2s_player_control_ours() {
     good(&folder, WriteSettings::default(), 1000);
     let client = participant(&domain, "client");
     let heard = Heard::default();
-    let qos = Qos { backlog: 4096, ..Qos::command() };
-    let _reader = heard.listen(&client, "/text", &Text::INFO.dds_type(), &qos);
+    let _reader = heard.listen(&client, "/text", &Text::INFO.dds_type(), &late_reader());
     let settings = PlaySettings {
         start_paused: true,
         selection: Selection::of(vec!["/text".to_owned()]),
-        ..PlaySettings::default()
+        ..for_late_readers(&["/text"])
     };
     let playing = Playing::start(&domain, Arc::new(Bag::open(&folder).unwrap()), settings);
     wait_for("the player", || client.discovered().writers_of("/text").count() == 1);
@@ -283,9 +289,9 @@ fn an_external_clock_drives_playing() {
     good(&folder, WriteSettings::default(), 100);
     let master = participant(&domain, "master");
     let heard = Heard::default();
-    let _reader = heard.listen(&master, "/text", &Text::INFO.dds_type(), &Qos::command());
+    let _reader = heard.listen(&master, "/text", &Text::INFO.dds_type(), &late_reader());
     let clock = master.writer("/clock", &Clock::INFO.dds_type(), &Qos::command()).unwrap();
-    let settings = PlaySettings { follow_clock: true, ..PlaySettings::default() };
+    let settings = PlaySettings { follow_clock: true, ..for_late_readers(&["/text"]) };
     let playing = Playing::start(&domain, Arc::new(Bag::open(&folder).unwrap()), settings);
     wait_for("the player", || clock.matched_readers() == 1 && master.discovered().writers_of("/text").count() == 1);
     let tell = |nanosec| {
