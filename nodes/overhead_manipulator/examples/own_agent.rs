@@ -29,16 +29,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (tell, facts) = channel();
     let _facts = here.topic_reader(&FACTSHEET, "/feeder", move |sample| {
         // What cannot be read is no factsheet of the version that this agent was built with.
-        let _ = sample.decode::<Factsheet>().map(|facts| tell.send(facts));
+        if let Ok(facts) = sample.decode::<Factsheet>() {
+            let _ = tell.send(facts);
+        }
     })?;
     let facts = facts.recv_timeout(PATIENCE)?;
     if !facts.protocol_version.starts_with("3.") {
         return Err(format!("the feeder speaks version {}, this agent 3", facts.protocol_version).into());
     }
     let station = facts.stations.iter().find(|station| station.name == STATION);
-    let tool = station.ok_or("the feeder does not serve this station")?.tool_in_platen.clone();
+    let tool = station.ok_or("the feeder does not serve this station")?.tool_in_platen;
     for _ in 0..PARTS {
-        println!("{}", take_part(&here, &facts, &Pose { position: tool.clone(), orientation: UPRIGHT })?);
+        println!("{}", take_part(&here, &facts, &Pose { position: tool, orientation: UPRIGHT })?);
     }
     Ok(())
 }
@@ -50,7 +52,9 @@ fn take_part(here: &Participant, facts: &Factsheet, tool: &Pose) -> Result<Strin
     let (tell, heard) = channel();
     let topic = "/feeder/deliver_part/_action/feedback";
     let _feedback = here.reader(topic, &FeedbackMessage::INFO.dds_type(), &Qos::command(), move |sample| {
-        let _ = sample.decode::<FeedbackMessage>().map(|message| tell.send(message));
+        if let Ok(message) = sample.decode::<FeedbackMessage>() {
+            let _ = tell.send(message);
+        }
     })?;
     // The wall clock in ns tells this client's goals apart.
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH)?;
@@ -61,7 +65,7 @@ fn take_part(here: &Participant, facts: &Factsheet, tool: &Pose) -> Result<Strin
         timeout_s: 60.0,
         ..DeliverPartGoal::default()
     };
-    let request = (id.clone(), goal).into();
+    let request = (id, goal).into();
     let answer = call::<<DeliverPart as Action>::SendGoal>(here, "/feeder/deliver_part/_action/send_goal", &request)?;
     let (accepted, _) = answer.into();
     if !accepted {
@@ -74,7 +78,7 @@ fn take_part(here: &Participant, facts: &Factsheet, tool: &Pose) -> Result<Strin
         }
     };
     // In simulation this service is the gripper. With one feeder it lies in the station's namespace.
-    let grip = PickRequest { station: STATION.to_owned(), tool_in_platen: tool.clone(), gripper_opening_m: 0.01 };
+    let grip = PickRequest { station: STATION.to_owned(), tool_in_platen: *tool, gripper_opening_m: 0.01 };
     let grip = call::<Pick>(here, &format!("/{STATION}/pick"), &grip)?;
     let taken = if grip.picked { ReportHandoverRequest::TAKEN } else { ReportHandoverRequest::NOT_TAKEN };
     for (sequence, report) in [(1, taken), (2, ReportHandoverRequest::RELEASED)] {
