@@ -1,6 +1,7 @@
 //! The whole suite in lockstep over DDS, run as a user runs it.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -14,6 +15,18 @@ use crate::common::{FEEDER, Outcome, Up};
 
 /// Largest slip of a part that was carried gently, m.
 const GENTLE_SLIP_M: f64 = 1e-4;
+
+#[test]
+fn every_motor_that_comes_with_a_scenario_of_its_own_feeds() {
+    let launch_configs = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("launch_configs");
+    for motor in ["xplanar_apm4220", "xplanar_apm4330", "xplanar_apm4550"] {
+        let scenario = launch_configs.join(motor).with_extension("yaml");
+        let outcome = Up::new("--duration 30 --composed").scenario_file(&scenario).success();
+        assert!(outcome.number("delivered") >= 3.0, "{motor}: {}", outcome.summary());
+        assert!(outcome.number("wrong_pose_delivered").abs() < 0.5, "{motor}: {}", outcome.summary());
+        assert!(outcome.number("max_slip_m") < GENTLE_SLIP_M, "{motor}: {}", outcome.summary());
+    }
+}
 
 #[test]
 fn the_built_in_scenario_delivers_parts_the_right_way_up_and_without_slip() {
