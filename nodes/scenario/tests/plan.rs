@@ -4,11 +4,13 @@
 
 use std::path::{Path, PathBuf};
 
+use feeder_control::delivery::FeedRate;
 use feeder_scenario::Scenario;
 use feeder_scenario::plan::{
     CourierDriverConfig, DeliveryPlannerConfig, OverheadManipulatorConfig, PartSimulatorConfig, PlatenArbiterConfig,
     RunMonitorConfig, RunPlan, VisionSelectorConfig, WaveformGeneratorConfig, load_node, load_plan,
 };
+use feeder_sim::motor::MotorParameters;
 
 fn launch_configs() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch_configs")
@@ -101,6 +103,48 @@ fn moves_reckon_with_the_friction_of_the_part() {
     let file = with_part(folder.path(), 0.4, "believed: { part_friction: 0.3 }\n");
     let (_, planner) = load_node::<DeliveryPlannerConfig>(Some(&file), None).unwrap();
     assert!((planner.delivery().gentle.friction - 0.3).abs() < 1e-12);
+}
+
+#[test]
+fn what_control_believes_of_a_motor_is_about_a_tenth_off() {
+    let mut motors = 0;
+    for scenario in scenarios() {
+        let plan = load_plan(Some(&scenario)).unwrap();
+        for (_, CourierDriverConfig { motor, courier, .. }) in plan.of_kind::<CourierDriverConfig>() {
+            if *motor == MotorParameters::IDEAL {
+                continue;
+            }
+            motors += 1;
+            let believed = [
+                ("mass", courier.limits.mass_kg, motor.mass_kg),
+                ("inertia", courier.limits.inertia_kg_m2, motor.inertia_kg_m2),
+                ("delay", courier.learning.nominal_delay_s, motor.delay_s),
+                ("lag", courier.learning.nominal_lag_s, motor.lag_s),
+            ];
+            for (what, believed, is) in believed {
+                let off = (believed / is - 1.0).abs();
+                assert!((0.03..0.15).contains(&off), "{}: {what} {believed}, is {is}", scenario.display());
+            }
+        }
+    }
+    assert!(motors >= 5, "{motors}");
+}
+
+#[test]
+fn the_planner_knows_how_fast_the_plateau_should_feed() {
+    let folder = tempfile::tempdir().unwrap();
+    let rate_rad_s = |believed: &str| {
+        let file = with_part(folder.path(), 0.2, believed);
+        let (_, planner) = load_node::<DeliveryPlannerConfig>(Some(&file), None).unwrap();
+        let feed = &planner.recipes[0].plateau_feed;
+        assert!(feed.is_sorted_by(|inner, outer| inner.radius_m < outer.radius_m) && feed.len() > 10, "{feed:?}");
+        let at = |rate: &&FeedRate| (rate.radius_m - 0.085).abs() < 1e-6;
+        feed.iter().find(at).unwrap().rate_rad_s
+    };
+    // 0.28552 rad/s at 85 mm, as `feeder-lab tray-map` has it.
+    assert!((rate_rad_s("") - 0.28552).abs() < 1e-4, "{}", rate_rad_s(""));
+    // It is what is believed of the friction that counts, for which the waveform is designed too.
+    assert!(rate_rad_s("believed: { part_friction: 0.3 }\n") > 0.35);
 }
 
 #[test]

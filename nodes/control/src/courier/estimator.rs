@@ -49,7 +49,7 @@ impl Default for EstimatorParameters {
             sensor_noise_rad_rms: 2.5e-6,
             unexplained_m_s2_rms: 0.05,
             unexplained_rad_s2_rms: 0.2,
-            command_error: 0.05,
+            command_error: 0.1,
             drift_m_s2: 0.5,
             drift_rad_s2: 2.0,
         }
