@@ -2,12 +2,13 @@
 
 use nalgebra::{Complex, Vector3};
 
-use super::super::response::{LoopModel, Response};
+use super::super::response::LoopModel;
 use super::Instant;
 use super::harmonic::{Harmonic, Prior};
 use super::mode::{Ratio, TrayMode};
 use super::plant::Seen;
 use super::projection::{Amplitude, Projection};
+use super::wanted::Wanted;
 use super::watch::{Followed, Watch};
 use feeder_model::waveform::Waveform;
 
@@ -47,54 +48,6 @@ pub(super) struct Lesson {
     /// How the tray swings, if it does.
     mode: Option<TrayMode>,
     watch: Watch,
-}
-
-/// One harmonic of the set point and what is to be commanded for it.
-#[derive(Clone, Copy, Debug)]
-struct Wanted {
-    response: Response,
-    /// The set point.
-    set_point: Complex<f64>,
-    /// The position at the ticks of a courier whose tray has the set point's velocity at the ticks.
-    position: Complex<f64>,
-    /// The command by which a rigid courier would go there.
-    rigid: Complex<f64>,
-    /// Motion of the tray over that which the sensor sees.
-    tray_over_seen: Complex<f64>,
-    /// What of the motion is asked for: what a tray does of which too little is known is not asked of it.
-    share: f64,
-    /// What the controller adds for the set point's acceleration.
-    feed_forward: Complex<f64>,
-}
-
-impl Wanted {
-    /// What is wanted where the tray moves `tray_over_seen` times as much as the sensor sees, which is known but for
-    /// `uncertainty`, relative.
-    fn new(
-        set_point: Complex<f64>,
-        response: Response,
-        feed_forward: bool,
-        (tray_over_seen, uncertainty): (Complex<f64>, f64),
-    ) -> Self {
-        let velocity = Complex::new(0.0, response.omega_rad_s) * set_point;
-        let feed_forward = if feed_forward { velocity * response.difference } else { Complex::from(0.0) };
-        // On average no other share leaves less of the error.
-        let share = (1.0 + uncertainty * uncertainty).recip();
-        let rigid = velocity / response.velocity * share;
-        let position = rigid * response.position / tray_over_seen;
-        Self { response, set_point, position, rigid, tray_over_seen, share, feed_forward }
-    }
-
-    /// The acceleration to add so that `command` is what the plant gets, if it then goes to `reached`.
-    fn learned(&self, command: Complex<f64>, reached: Complex<f64>) -> Complex<f64> {
-        command - self.feed_forward - self.response.feedback * (self.set_point - reached)
-    }
-
-    /// Where feedback and feed-forward alone would bring it.
-    fn without_learning(&self, harmonic: &Harmonic) -> Complex<f64> {
-        let pushed = self.feed_forward + self.response.feedback * self.set_point;
-        harmonic.predict(pushed) / (1.0 + harmonic.plant() * self.response.feedback)
-    }
 }
 
 impl Lesson {
@@ -141,6 +94,8 @@ impl Lesson {
     const POLLUTION: f64 = 1e-3;
     /// A change below this share of the acceleration's rms stirs nothing up.
     const STIR: f64 = 0.01;
+    /// Share of a larger disturbance that a window adds to what is said of it: one window's noise is none.
+    const DISTURBED_GAIN: f64 = 0.3;
 
     /// A lesson that begins with the acceleration by which the model would follow, of a plant that may differ by `spread`
     /// from a rigid one and gets at most the wrench `reach`.
@@ -372,7 +327,9 @@ impl Lesson {
                 }
             }
         }
-        self.disturbed = (0.5 * needed).sqrt() / self.scale[self.axis];
+        let disturbed = (0.5 * needed).sqrt() / self.scale[self.axis];
+        let more = (disturbed - self.disturbed).max(0.0);
+        self.disturbed = self.disturbed.min(disturbed) + Self::DISTURBED_GAIN * more;
         self.watch.end();
         self.learned = targets;
         self.change = (0.5 * square).sqrt();

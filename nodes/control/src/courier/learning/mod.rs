@@ -20,6 +20,7 @@ mod parameters;
 mod plant;
 mod projection;
 mod report;
+mod wanted;
 mod watch;
 
 use std::f64::consts::TAU;

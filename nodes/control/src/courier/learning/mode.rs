@@ -215,6 +215,67 @@ mod tests {
     }
 
     #[test]
+    fn verif_refinement_finds_what_lies_between_those_tried() {
+        // 153.4 Hz and a damping of 0.03 lie on no step; with hardly any noise both are found all the same.
+        let mode = TrayMode {
+            omega_rad_s: TAU * 153.4,
+            damping: 0.03,
+            residue: 0.2,
+            factor: 1.0,
+            covariance: Matrix3::zeros(),
+        };
+        let found = TrayMode::fit(&ratios(Some(mode), 1e-4), false).unwrap();
+        assert!((found.omega_rad_s / mode.omega_rad_s - 1.0).abs() < 1e-4, "{found:?}");
+        assert!((found.damping / mode.damping - 1.0).abs() < 0.01, "{found:?}");
+        assert!((found.residue / mode.residue - 1.0).abs() < 0.01, "{found:?}");
+    }
+
+    #[test]
+    fn val_the_uncertainty_of_the_tray_s_motion_covers_how_far_it_is_off() {
+        // At 150 Hz the tray of a mode at 200 Hz moves twice as much as the courier.
+        let mode = TrayMode {
+            omega_rad_s: TAU * 200.0,
+            damping: 0.02,
+            residue: 0.3,
+            factor: 1.0,
+            covariance: Matrix3::zeros(),
+        };
+        let truth = mode.tray_over_seen(TAU * 150.0);
+        let mut told = Vec::new();
+        for noise in [0.003, 0.01, 0.03] {
+            let mut square = 0.0;
+            let mut last = 0.0;
+            for seed in 0..20_u32 {
+                let mut ratios = ratios(Some(mode), 0.0);
+                for (ratio, order) in ratios.iter_mut().zip(0_u32..) {
+                    // Angles without a pattern stand for the noise.
+                    ratio.ratio += Complex::from_polar(noise, f64::from((order + 7 * seed) * (order + 3 * seed + 1)));
+                    ratio.deviation = noise;
+                }
+                let found = TrayMode::fit(&ratios, false).unwrap();
+                last = found.tray_uncertainty(TAU * 150.0);
+                square += ((found.tray_over_seen(TAU * 150.0) - truth) / truth / last).norm_sqr() / 20.0;
+            }
+            // In standard deviations; two components, of which each has one.
+            assert!((0.05..2.5).contains(&square.sqrt()), "{noise}: {square}");
+            told.push(last);
+        }
+        assert!(told.is_sorted(), "{told:?}");
+    }
+
+    #[test]
+    fn a_tray_that_the_sensor_sees_is_known() {
+        let mode = TrayMode {
+            omega_rad_s: TAU * 180.0,
+            damping: 0.02,
+            residue: -1.0,
+            factor: 1.0,
+            covariance: Matrix3::identity() * 1e-4,
+        };
+        assert!(mode.tray_uncertainty(TAU * 150.0) < 1e-12);
+    }
+
+    #[test]
     fn a_rigid_courier_has_no_mode() {
         assert_eq!(TrayMode::fit(&ratios(None, 0.05), false), None);
     }
