@@ -170,6 +170,7 @@ impl DeliveryPlanner {
     fn end_change(&mut self, io: &mut StepIo, asker: Asker, recipe: usize, outcome: Result<(), String>) {
         if outcome.is_ok() {
             self.recipe = recipe;
+            self.sequencer.expect_feed(self.recipes[recipe].plateau_feed.clone());
             self.fact.recipe.clone_from(&self.recipes[recipe].name);
             self.said_fact = false;
         }
@@ -291,7 +292,8 @@ impl DeliveryPlanner {
             Phase::Presented => (Condition::AwaitsHandOver, format!("at {station}")),
             Phase::Reserving => (Condition::AwaitsArea, format!("for {station}")),
             Phase::Purging => (Condition::Purging, String::new()),
-            _ => (Condition::AtWork, String::new()),
+            // What may be wrong with the feed is said before no part comes.
+            _ => (Condition::AtWork, self.sequencer.feed_trouble().unwrap_or_default()),
         }
     }
 }

@@ -144,8 +144,11 @@ impl FeederNode for DeliveryPlanner {
     }
 
     fn open(ports: Ports, config: &DeliveryPlannerConfig) -> Result<Self, NodeError> {
-        let sequencer = DeliverySequencer::new(config.delivery(), config.tray.geometry, config.limits, config.load)
+        let mut sequencer = DeliverySequencer::new(config.delivery(), config.tray.geometry, config.limits, config.load)
             .map_err(NodeError::new)?;
+        if let Some(recipe) = config.recipes.first() {
+            sequencer.expect_feed(recipe.plateau_feed.clone());
+        }
         Ok(Self {
             ports: ports.plain,
             trajectory: ActionClient::new(ports.trajectory),

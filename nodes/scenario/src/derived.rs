@@ -1,8 +1,14 @@
 //! What follows from a scenario: each value that several nodes need, derived in one place from the one that owns it.
 
 use feeder_control::courier::CourierConfig;
+use feeder_control::delivery::FeedRate;
+use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
+use feeder_model::mechanics::annular::AnnularTrack;
+use feeder_model::mechanics::map::TrayMap;
+use feeder_model::mechanics::{Friction, MechanicsError};
 use feeder_model::motor::Load;
 use feeder_model::part::PartType;
+use feeder_model::tray::Surface;
 use feeder_model::waveform::Waveform;
 use feeder_sim::camera::Scene;
 use feeder_vision::SelectorConfig;
@@ -24,6 +30,28 @@ impl Scenario {
     #[must_use]
     pub fn believed_friction(&self, part: &PartType) -> f64 {
         self.believed.part_friction.unwrap_or(part.friction.static_coefficient())
+    }
+
+    /// How fast a waveform should feed parts on the plateau from the inner wall to the outer, as far as control knows the
+    /// friction.
+    ///
+    /// # Errors
+    /// A waveform that does not turn the tray.
+    pub(crate) fn plateau_feed(&self, part: &PartType, waveform: &Waveform) -> Result<Vec<FeedRate>, ScenarioError> {
+        /// Radii at which it is worked out, evenly spaced: between them it is all but straight.
+        const RADII: u32 = 24;
+        let tray = self.tray.geometry;
+        let friction = self.believed.part_friction.map_or(Ok(part.friction), Friction::uniform);
+        let feed = |radius_m: f64| -> Result<Option<FeedRate>, MechanicsError> {
+            let track = AnnularTrack::new(tray, friction.clone()?, STANDARD_GRAVITY_M_S2)?;
+            let steady = TrayMap::new(&track, waveform)?.drive(radius_m, Surface::Plateau)?.steady();
+            Ok(steady.map(|steady| FeedRate { radius_m, rate_rad_s: steady.feed_m_s / radius_m }))
+        };
+        let step_m = (tray.outer_radius_m - tray.inner_radius_m) / f64::from(RADII);
+        let rates =
+            (0..=RADII).map(|step| feed((tray.inner_radius_m + step_m * f64::from(step)).min(tray.outer_radius_m)));
+        let rates: Result<Vec<_>, _> = rates.collect();
+        Ok(rates.map_err(|error| invalid("waveform", &error))?.into_iter().flatten().collect())
     }
 
     /// What the driver is set up with, with the load that the tray carries.

@@ -74,6 +74,10 @@ pub struct DeliveryConfig {
     /// Feeding without a fitting part after which a warning is given, s.
     #[schemars(range(min = 0.1, max = 3600.0))]
     pub starvation_s: f64,
+    /// Share by which parts on the plateau may be slower or faster than the waveform should make them before it is said:
+    /// neither the friction nor the motion between servo ticks is known better.
+    #[schemars(range(min = 0.02, max = 100.0))]
+    pub feed_deviation_max: f64,
     /// Longest wait for the courier to come to rest after feeding was switched off, s.
     #[schemars(range(min = 0.1, max = 60.0))]
     pub stop_timeout_s: f64,
@@ -121,6 +125,7 @@ impl Default for DeliveryConfig {
             looks: 2,
             feed_s_min: 0.5,
             starvation_s: 30.0,
+            feed_deviation_max: 0.15,
             stop_timeout_s: 3.0,
             look_timeout_s: 2.0,
             move_grace_s: 2.0,

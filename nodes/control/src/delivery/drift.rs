@@ -141,7 +141,7 @@ impl Drift {
 }
 
 /// The smaller turn from one angle to another, rad.
-fn turn_rad(from_rad: f64, to_rad: f64) -> f64 {
+pub(super) fn turn_rad(from_rad: f64, to_rad: f64) -> f64 {
     (to_rad - from_rad + PI).rem_euclid(TAU) - PI
 }
 

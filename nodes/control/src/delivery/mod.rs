@@ -4,11 +4,13 @@
 //! makes a motion along a line of it, [`Surroundings`] find the way round keep-out areas, `legs` joins lines into one
 //! motion. The [`choice`] of parts works on what the vision selector saw and on where parts will come to rest (`drift`),
 //! and a [`tour`] brings several stations their parts on one trip. The [`DeliverySequencer`] strings it together: feed,
-//! stop, settle, look, reserve, move, present, return.
+//! stop, settle, look, reserve, move, present, return. While it feeds, `feed_watch` compares how parts move with how the
+//! waveform should move them.
 
 pub mod choice;
 mod config;
 mod drift;
+mod feed_watch;
 mod gentle;
 mod holding;
 mod leases;
@@ -26,6 +28,7 @@ pub mod tour;
 
 pub use choice::{CandidateFrame, Choice, OfferedPart};
 pub use config::{DeliveryConfig, Policy};
+pub use feed_watch::FeedRate;
 pub use gentle::GentleParameters;
 pub use holding::{holding_acceleration_m_s2, ramp_parts};
 pub use plan::MovePlan;

@@ -137,6 +137,16 @@ pub enum Warning {
     /// The courier driver says that it does not feed as it should.
     #[error("the courier says: {0}")]
     Courier(String),
+    /// Parts on the plateau do not move as the waveform should move them.
+    #[error(
+        "parts on the plateau move at {:.2} times the speed that the waveform should give them: the tray does not move as the \
+         courier's sensor says, or the friction is another than believed",
+        ratio
+    )]
+    FeedOff {
+        /// Speed over that computed.
+        ratio: f64,
+    },
     /// The courier could not return to the feeding place.
     #[error("the return to the feeding place failed: {0}")]
     ReturnFailed(String),

@@ -1,7 +1,7 @@
 //! What each kind of node is configured by. A node knows nothing of a run but this.
 
 use feeder_control::courier::{CourierConfig, CourierLimits, WaveformEnvelope};
-use feeder_control::delivery::{DeliveryConfig, GentleParameters, Tether};
+use feeder_control::delivery::{DeliveryConfig, FeedRate, GentleParameters, Tether};
 use feeder_control::manipulator::ManipulatorConfig;
 use feeder_control::platen::Area;
 use feeder_model::camera::{CameraModel, MountedTray};
@@ -256,6 +256,9 @@ pub struct PlannedRecipe {
     /// The vibration; without it the generator's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub waveform: Option<Waveform>,
+    /// How fast the vibration should feed parts on the plateau, by growing radius; nothing: not known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub plateau_feed: Vec<FeedRate>,
 }
 
 /// Configuration of the delivery planner.

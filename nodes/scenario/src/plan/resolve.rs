@@ -138,7 +138,9 @@ impl Scenario {
                 .map(|waveform| waveform.design(&self.tray.geometry, self.believed_friction(part)))
                 .transpose();
             let waveform = waveform.map_err(|error| invalid("recipes", &error))?;
-            Ok(PlannedRecipe { name: recipe.name, pose_classes: recipe.pose_classes, waveform })
+            let runs = waveform.clone().map_or_else(|| self.waveform(), Ok)?;
+            let plateau_feed = self.plateau_feed(part, &runs)?;
+            Ok(PlannedRecipe { name: recipe.name, pose_classes: recipe.pose_classes, waveform, plateau_feed })
         });
         Ok(DeliveryPlannerConfig {
             tick_ms: self.time.tick_ms,

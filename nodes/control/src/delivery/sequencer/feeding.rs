@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use super::super::choice::CandidateFrame;
 use super::super::protocol::{Failure, Output, Warning};
 use super::super::request::Stamp;
 use super::super::tour::{Stop, Tour, best_tour};
@@ -44,7 +45,22 @@ impl DeliverySequencer {
         let wanted: Vec<u64> =
             frame.candidates.iter().filter(|part| self.is_wanted(part)).map(|part| part.id).collect();
         self.drift.feed(&frame, |candidate| wanted.contains(&candidate.id));
+        self.watch_feed(&frame);
         late(now, since, self.config.feed_s_min) && self.is_time_to_stop(now) && self.stop(now)
+    }
+
+    /// Compares how the parts of a frame move with how they should, and tells when that changes.
+    fn watch_feed(&mut self, frame: &CandidateFrame) {
+        let steady = Duration::from_secs_f64(Self::STEADY_S);
+        if self.vibrating_since.is_none_or(|since| frame.stamp < since + steady) {
+            return self.feed_watch.pause();
+        }
+        self.feed_watch.see(frame);
+        let off = self.feed_watch.off();
+        if let Some(ratio) = off.filter(|_| self.feed_off.is_none()) {
+            self.outputs.push(Output::Warning(Warning::FeedOff { ratio }));
+        }
+        self.feed_off = off;
     }
 
     /// Whether a trip with the parts that would come to rest now delivers more a minute than one that waits for another
@@ -174,6 +190,7 @@ impl DeliverySequencer {
     pub(super) fn stop(&mut self, now: Stamp) -> bool {
         if self.feed_on == Some(true) {
             self.drift.stop(now);
+            self.feed_watch.pause();
         }
         self.feed(false);
         self.stopped = Some(now);

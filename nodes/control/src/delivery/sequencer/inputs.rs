@@ -115,6 +115,7 @@ impl DeliverySequencer {
     pub fn courier(&mut self, report: CourierReport) {
         if self.courier.is_none_or(|last| report.stamp > last.stamp) {
             let at_rest = !report.moving && !report.vibrating;
+            self.vibrating_since = report.vibrating.then(|| self.vibrating_since.unwrap_or(report.stamp));
             self.rest_since = at_rest.then(|| self.rest_since.unwrap_or(report.stamp));
             self.courier = Some(report);
         }

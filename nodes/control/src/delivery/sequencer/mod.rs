@@ -12,6 +12,7 @@ use nalgebra::{Vector2, Vector3};
 use super::choice::{CandidateFrame, Choice, fitting};
 use super::config::DeliveryConfig;
 use super::drift::Drift;
+use super::feed_watch::{FeedRate, FeedWatch};
 use super::leases::Leases;
 use super::planner::MovePlanner;
 use super::protocol::{CourierReport, Delivered, Failure, HandOver, Output, Phase, Warning};
@@ -131,6 +132,11 @@ pub struct DeliverySequencer {
     /// The way of the trip under way, out and back, m: on a shared platen the courier may go nowhere else.
     trip_m: Vec<Vector2<f64>>,
     drift: Drift,
+    feed_watch: FeedWatch,
+    /// What of the feed was last told to be off.
+    feed_off: Option<f64>,
+    /// Since when the courier has vibrated.
+    vibrating_since: Option<Stamp>,
     overheads: Overheads,
     /// When feeding was last told to stop for a look.
     stopped: Option<Stamp>,
@@ -151,6 +157,8 @@ pub struct DeliverySequencer {
 }
 
 impl DeliverySequencer {
+    /// A vibration that began less than this ago may still be measured, fade in or be learned, s.
+    const STEADY_S: f64 = 1.0;
     /// Distance from the feeding place within which the courier counts as there, m.
     const ARRIVED_M: f64 = 1e-4;
     /// Room that areas leave for tracking errors, m.
@@ -175,6 +183,9 @@ impl DeliverySequencer {
             leases: Leases::new(config.arbitrated),
             trip_m: Vec::new(),
             drift: Drift::new(config.stop_drift_s),
+            feed_watch: FeedWatch::new(config.feed_deviation_max),
+            feed_off: None,
+            vibrating_since: None,
             overheads: Overheads { stop_s: 0.6, hand_over_s: 0.7 },
             config,
             planner,
@@ -220,10 +231,18 @@ impl DeliverySequencer {
         matches!(self.state, SequencerState::Feeding { starved: true, .. })
     }
 
-    /// Why parts may not come although there are some, if the courier says so.
+    /// Why parts may not come although there are some: what the courier says against its own feeding, or that parts are seen
+    /// to move otherwise than computed.
     #[must_use]
-    pub fn feed_trouble(&self) -> Option<&str> {
-        self.courier_warning.as_deref()
+    pub fn feed_trouble(&self) -> Option<String> {
+        let seen = || self.feed_off.map(|ratio| Warning::FeedOff { ratio }.to_string());
+        self.courier_warning.clone().or_else(seen)
+    }
+
+    /// Takes how fast the waveform in force should feed parts on the plateau, by growing radius; nothing: not known.
+    pub fn expect_feed(&mut self, rates: Vec<FeedRate>) {
+        self.feed_watch.expect(rates);
+        self.feed_off = None;
     }
 
     /// Why the planner is in fault, if it is.
