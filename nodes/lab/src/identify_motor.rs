@@ -8,8 +8,8 @@ use nalgebra::Complex;
 
 use crate::experiment::feed::FeedTrial;
 use crate::experiment::motors;
-use feeder_control::courier::{CourierConfig, LearningParameters, PlantModel};
-use feeder_scenario::{SimulatedCourier, assumed_motor};
+use feeder_control::courier::{CourierConfig, LearningParameters, PlantModel, VibrationPhase};
+use feeder_scenario::{SimulatedCourier, SimulatedDriver, assumed_motor};
 use feeder_sim::motor::MotorParameters;
 
 /// Measures how a motor answers in yaw and prints it beside the truth: magnitudes over that of a rigid courier of nominal
@@ -37,10 +37,23 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let trial = if args.built_in { FeedTrial::built_in(period_s) } else { FeedTrial::paper(period_s) };
     let mut driver = SimulatedCourier { config, motor: plant.motor }.driver(1)?;
     driver.set_waveform(trial.waveform(), true)?;
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some seconds of servo ticks")]
-    let status = driver.step((args.duration.clamp(0.0, 1e3) / period_s).round() as usize).status;
-    let found = status.learning;
     println!("{}", plant.name);
+    let excited = excite(&mut driver, &trial);
+    // A tray that swings goes its own way.
+    let is_rigid = plant.motor.tray_inertia_share <= 0.0;
+    let torque = |rad_s2: f64| format!(" by a torque of {:.1} mN m", 1e3 * rad_s2 * plant.motor.inertia_kg_m2);
+    println!(
+        "the excitation: {:.2} s, tray moved with up to {:.2} rad/s²{}, yaw off by up to {:.1} µrad, parts that rest at 85 mm slide \
+         by up to {:.2} µm",
+        excited.ticks as f64 * period_s,
+        excited.acceleration_rad_s2,
+        if is_rigid { torque(excited.acceleration_rad_s2) } else { String::new() },
+        1e6 * excited.error_rad,
+        1e6 * excited.slip_m,
+    );
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some seconds of servo ticks")]
+    let ticks = (args.duration.clamp(0.0, 1e3) / period_s).round() as usize;
+    let found = driver.step(ticks.saturating_sub(excited.ticks + 1)).status.learning;
     println!(
         "fitted: gain {:.3}, delay {:.3} ms, lag {:.3} ms; the motor's: {:.3}, {:.3} ms, {:.3} ms",
         found.gain,
@@ -73,6 +86,38 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         println!("the driver says: {warning}");
     }
     Ok(())
+}
+
+/// What the excitation asks of the courier, and what parts make of it.
+#[derive(Debug, Default)]
+struct Excited {
+    ticks: usize,
+    /// Peaks of the tray's acceleration and of the yaw's error.
+    acceleration_rad_s2: f64,
+    error_rad: f64,
+    /// How far parts at rest slide.
+    slip_m: f64,
+}
+
+/// Runs the driver until the excitation ends and the waveform begins.
+fn excite(driver: &mut SimulatedDriver, trial: &FeedTrial) -> Excited {
+    /// No excitation takes so many servo ticks.
+    const TICKS_MAX: usize = 4000;
+    let mut excited = Excited::default();
+    driver.motor_mut().take_block();
+    while excited.ticks < TICKS_MAX {
+        let status = driver.step(1).status;
+        if !matches!(status.vibration, VibrationPhase::Off | VibrationPhase::Measuring) {
+            break;
+        }
+        excited.ticks += 1;
+        excited.error_rad = excited.error_rad.max(status.tracking_error_peak.z);
+    }
+    let samples = driver.motor_mut().take_block().samples;
+    let samples = &samples[..excited.ticks.min(samples.len())];
+    excited.acceleration_rad_s2 = samples.iter().map(|sample| sample.acceleration.z.abs()).fold(0.0, f64::max);
+    excited.slip_m = trial.slip_m(samples);
+    excited
 }
 
 /// How the linear part of a simulated motor answers in yaw at the servo ticks, rad per rad/s² of the nominal inertia: the

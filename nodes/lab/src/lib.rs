@@ -12,6 +12,7 @@ mod plan_move;
 mod plot;
 mod slip_study;
 mod try_motors;
+mod try_suite;
 mod vision;
 
 use std::process::ExitCode;
@@ -45,6 +46,7 @@ enum Command {
     SlipStudy(slip_study::Args),
     TrayMap(analysis::tray_map::Args),
     TryMotors(try_motors::Args),
+    TrySuite(try_suite::Args),
 }
 
 /// The command line: runs the study asked for.
@@ -74,6 +76,10 @@ pub fn main() -> ExitCode {
         Command::SlipStudy(args) => slip_study::run(&args),
         Command::TrayMap(args) => analysis::tray_map::run(&args),
         Command::TryMotors(args) => try_motors::run(&args),
+        Command::TrySuite(args) => {
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
+            try_suite::run(&args)
+        }
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

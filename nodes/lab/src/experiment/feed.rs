@@ -129,6 +129,20 @@ impl FeedTrial {
         [0, 1].map(|surface| feed_m_s[surface] / self.reference_m_s[surface])
     }
 
+    /// How far parts that rest on ramp and plateau slide along them in a motion of the tray, the farther of both, m.
+    #[must_use]
+    pub fn slip_m(&self, samples: &[MotionSample]) -> f64 {
+        let slips_m = START_RAD.map(|start_rad| {
+            let mut part = PartState::at_rest(self.radius_m, start_rad);
+            let places = samples.iter().map(|sample| {
+                self.track.step(&mut part, sample, self.period_s);
+                (part.angle_rad - start_rad).abs() * self.radius_m
+            });
+            places.fold(0.0, f64::max)
+        });
+        slips_m.into_iter().fold(0.0, f64::max)
+    }
+
     /// Velocity against the waveform's at the phase that fits best: the courier began it when it had been measured.
     fn velocity_error_rad_s(&self, samples: &[MotionSample]) -> f64 {
         let mean_square = |begun: usize| {
