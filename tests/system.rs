@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use feeder_control::delivery::Policy;
-use feeder_scenario::Scenario;
+use feeder_scenario::{Scenario, WaveformSpec};
 use feeder_wire::topics;
 use rustix::process::Signal;
 
@@ -15,6 +15,19 @@ use crate::common::{FEEDER, Outcome, Up};
 
 /// Largest slip of a part that was carried gently, m.
 const GENTLE_SLIP_M: f64 = 1e-4;
+
+#[test]
+fn parts_that_move_otherwise_than_computed_are_told_of() {
+    // Control believes less friction than there is: on the plateau parts then slide less far, 0.79 times.
+    let mut scenario = Scenario::default();
+    scenario.believed.part_friction = Some(0.12);
+    if let WaveformSpec::Optimal { friction, .. } = &mut scenario.waveform {
+        *friction = Some(0.18);
+    }
+    let outcome = Up::new("--duration 60 --composed").scenario(&scenario).success();
+    let told = outcome.stderr.matches("parts on the plateau move at").count();
+    assert!(told >= 1, "{}", outcome.stderr);
+}
 
 #[test]
 fn every_motor_that_comes_with_a_scenario_of_its_own_feeds() {
@@ -37,6 +50,7 @@ fn the_built_in_scenario_delivers_parts_the_right_way_up_and_without_slip() {
     assert!(outcome.number("wrong_pose_delivered").abs() < 0.5, "{}", outcome.summary());
     assert!(outcome.number("max_slip_m") < GENTLE_SLIP_M, "{}", outcome.summary());
     assert!((outcome.number("sim_s") - 60.0).abs() < 1e-9, "{}", outcome.summary());
+    assert!(!outcome.stderr.contains("parts on the plateau move at"), "{}", outcome.stderr);
 
     let keys: BTreeSet<&str> = outcome.summary().as_object().unwrap().keys().map(String::as_str).collect();
     let agreed = [
