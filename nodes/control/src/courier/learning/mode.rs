@@ -242,7 +242,7 @@ mod tests {
         };
         let truth = mode.tray_over_seen(TAU * 150.0);
         let mut told = Vec::new();
-        for noise in [0.003, 0.01, 0.03] {
+        for noise in [0.003, 0.01, 0.03, 0.06] {
             let mut square = 0.0;
             let mut last = 0.0;
             for seed in 0..20_u32 {
@@ -256,11 +256,12 @@ mod tests {
                 last = found.tray_uncertainty(TAU * 150.0);
                 square += ((found.tray_over_seen(TAU * 150.0) - truth) / truth / last).norm_sqr() / 20.0;
             }
-            // In standard deviations; two components, of which each has one.
-            assert!((0.05..2.5).contains(&square.sqrt()), "{noise}: {square}");
-            told.push(last);
+            // In standard deviations. Where there is hardly any noise, it is what no fit shows that counts.
+            assert!(square.sqrt() < 1.5, "{noise}: {square}");
+            told.push((last, square.sqrt()));
         }
-        assert!(told.is_sorted(), "{told:?}");
+        // Neither the same whatever the noise, nor so large that it says nothing.
+        assert!(told.is_sorted_by(|less, more| less.0 < more.0) && told[3].1 > 0.2, "{told:?}");
     }
 
     #[test]
