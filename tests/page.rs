@@ -19,6 +19,21 @@ fn url(stderr: &str) -> Option<String> {
     Some(rest.split_once('\n')?.0.to_owned())
 }
 
+/// The height of a part that lies, that has just begun to fall, a while later, and when it has fallen, m.
+const FALL: &str = "(() => {
+    const { hello, name, partRadius, constructor } = feeder.tray.painter;
+    const painter = new constructor(hello, name, partRadius);
+    const frame = structuredClone(feeder.playback.newest);
+    const height = (timeS) => {
+        const moment = { older: frame, newer: frame, share: 1, timeS };
+        painter.paint(moment, feeder.playback, { truth: true }, { x_m: 0, y_m: 0, yaw_rad: 0 });
+        return painter.shown[0].place[2];
+    };
+    const lying = height(1);
+    frame.feeders[name].truth.surface[0] = 2;
+    return [lying, height(2), height(2.03), height(3)];
+})()";
+
 /// Where the page of a run is.
 #[track_caller]
 fn page_of(run: &Run) -> String {
@@ -38,6 +53,12 @@ fn the_page_shows_a_run_and_controls_it() {
         .until(&format!("Object.entries({PLACES}).some(([id, at]) => before[id] && ({far})(at, before[id]) > 0.002)"));
     browser.until("feeder.tray.scene && document.getElementById('camera-note').textContent.includes('seen')");
     browser.until("document.getElementById('period-words').textContent.includes('of this period')");
+
+    let heights_m: Vec<f64> = serde_json::from_value(browser.value(FALL)).unwrap();
+    let rise_m = browser.value("feeder.tray.tray.rise_m").as_f64().unwrap();
+    let [lying, edge, falling, fallen] = heights_m[..] else { panic!("{heights_m:?}") };
+    assert!((lying - edge).abs() < 1e-9 && (edge - fallen - rise_m).abs() < 1e-9, "{heights_m:?}");
+    assert!((edge - falling - 0.5 * 9.80665 * 0.03 * 0.03).abs() < 1e-6, "{heights_m:?}");
 
     browser.click("#pause");
     browser.until("feeder.playback.newest.paused && document.getElementById('pace').textContent === 'paused'");

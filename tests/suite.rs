@@ -20,5 +20,7 @@ mod picking;
 mod pictures;
 mod system;
 mod tidy;
+mod top;
 mod view;
+mod viewers;
 mod wall_clock;

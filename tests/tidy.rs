@@ -26,6 +26,7 @@ const LIBRARIES: &[(&str, &[&str])] = &[
         "feeder_view",
         &["feeder_model", "feeder_control", "feeder_scenario", "feeder_wire", "feeder_runtime", "minifactory_msgs"],
     ),
+    ("feeder_top", &["feeder_view"]),
 ];
 const NODE_USES: &[&str] = &[
     "feeder_model",

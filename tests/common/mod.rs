@@ -7,6 +7,7 @@ mod node;
 mod peer;
 mod process;
 mod python;
+mod terminal;
 
 use std::ffi::OsStr;
 use std::fs::File;
@@ -32,6 +33,7 @@ pub(crate) use node::bag_reader;
 pub(crate) use peer::{ENCAPSULATION, Kind, Peer, hex};
 pub(crate) use process::Process;
 pub(crate) use python::python;
+pub(crate) use terminal::Terminal;
 
 /// Longest wait for anything that a run does, wall time. It only keeps a failing test from hanging.
 const PATIENCE: Duration = Duration::from_secs(180);

@@ -33,7 +33,8 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Up(up::UpArgs),
-    View(live::Args),
+    View(live::ViewArgs),
+    Top(live::TopArgs),
     Check(scenario_file::CheckArgs),
     Node(NodeArgs),
     Bag(bag::BagArgs),
@@ -65,7 +66,11 @@ pub fn main() -> ExitCode {
         }
         Command::View(args) => {
             feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
-            live::run(&args)
+            live::view(&args)
+        }
+        Command::Top(args) => {
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
+            live::top(&args)
         }
         Command::Check(args) => scenario_file::check(&args),
         Command::Node(args) => return node(args),

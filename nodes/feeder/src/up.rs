@@ -13,6 +13,7 @@ use feeder_runtime::lockstep::{ClockRunner, Hub, LoopClock, LoopContract, LoopTi
 use feeder_runtime::node::{Declare, FeederNode, Interface, NodeError};
 use feeder_scenario::Scenario;
 use feeder_scenario::plan::{Loaded, RunMonitorConfig, RunPlan, load, named};
+use feeder_top::Screen;
 use feeder_view::{Place, Settings, Source};
 use feeder_wire::topics::CLOCK;
 use run_monitor::{Progress, RunMonitor};
@@ -68,6 +69,9 @@ pub struct UpArgs {
     /// The page controls nothing
     #[arg(long, requires = "view")]
     pub view_read_only: bool,
+    /// Lines and a progress bar on a terminal too, in place of the picture of the run
+    #[arg(long)]
+    pub plain: bool,
     /// What is recorded.
     #[command(flatten)]
     pub recording: RecordOptions,
@@ -76,7 +80,7 @@ pub struct UpArgs {
 impl UpArgs {
     /// To run a plan as fast as the machine allows, and record it.
     pub(crate) fn again(composed: bool, domain: Option<u16>, recording: RecordOptions) -> Self {
-        Self { composed, domain, recording, ..Self::default() }
+        Self { composed, domain, recording, plain: true, ..Self::default() }
     }
 }
 
@@ -130,12 +134,13 @@ pub struct Ended {
 ///
 /// # Errors
 /// A domain that is taken, nodes that cannot be connected or started.
-pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &AtomicBool) -> anyhow::Result<Ended> {
+pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow::Result<Ended> {
     let started = Instant::now();
     let domain = domain(args)?;
     let participant = Participant::open(&domain, &NodeName::new("/", "feeder_up")?)?;
     refuse_busy_domain(&participant, &domain, plan, stop)?;
-    let page = args.view.map(|place| show(plan, args, place.unwrap_or(Place::Default), domain)).transpose()?;
+    let on_screen = !args.plain && feeder_top::is_possible();
+    let shown = (on_screen || args.view.is_some()).then(|| show(plan, args, domain)).transpose()?;
 
     let contract = Arc::new(connect(plan)?);
     let work = tempfile::tempdir().context("cannot make a temporary folder")?;
@@ -174,11 +179,16 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &AtomicBool) -> anyhow::Resu
     if let Some(socket) = record_to {
         clock.record_to(socket, &contract).context("cannot record /clock")?;
     }
-    let view = View::new(end_tick, contract.timing.tick_ns);
-    view.line(&page.as_ref().map_or_else(
-        || "to see it live: feeder up --view".to_owned(),
-        |page| format!("see it live at {}", page.url()),
-    ));
+    let address = shown.as_ref().and_then(feeder_view::View::url);
+    let hint = address
+        .map_or_else(|| "to see it live: feeder up --view".to_owned(), |address| format!("see it live at {address}"));
+    let watch = shown.as_ref().filter(|_| on_screen).and_then(feeder_view::View::watch);
+    let screen = watch.map(|watch| Screen::open(watch, &hint, Arc::clone(stop))).transpose()?;
+    let is_plain = screen.is_none();
+    let mut view = View::new(end_tick, contract.timing.tick_ns, screen);
+    if is_plain {
+        view.line(&hint);
+    }
     let result = clock.run(stop, |tick| {
         let now = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
         crew.for_each_line(|line| view.line(line));
@@ -194,7 +204,7 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &AtomicBool) -> anyhow::Resu
     let left = crew.finish(limit, |line| view.line(line));
     let monitored = monitor.join();
     view.close();
-    drop(page);
+    drop(shown);
     let tick = clock.tick();
     let started_ticking = clock.started_at().unwrap_or(ended);
     let told = clock.finish().context("cannot keep the digest or the record of /clock");
@@ -269,9 +279,10 @@ fn changed_scenario(mut scenario: Scenario, args: &UpArgs) -> anyhow::Result<Sce
     Ok(scenario)
 }
 
-/// The page on which the run is seen.
-fn show(plan: &RunPlan, args: &UpArgs, place: Place, domain: Domain) -> anyhow::Result<feeder_view::View> {
+/// What shows the run: on a page, if one is asked for.
+fn show(plan: &RunPlan, args: &UpArgs, domain: Domain) -> anyhow::Result<feeder_view::View> {
     let scenario = named(args.scenario.as_deref());
+    let place = args.view.map(|place| place.unwrap_or(Place::Default));
     let settings = Settings { place, read_only: args.view_read_only, source: Source::Run, scenario, domain };
     feeder_view::View::start(plan, &settings).context("--view")
 }

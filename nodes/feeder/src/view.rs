@@ -1,26 +1,37 @@
-//! What a person watching a run sees: a progress bar with the counts that matter, and the nodes' log lines above it.
+//! What a person watching a run sees: the picture of it where there is a terminal, else a progress bar with the counts
+//! that matter and the nodes' log lines above it.
 
 use std::time::Duration;
 
+use feeder_top::Screen;
 use indicatif::{ProgressBar, ProgressStyle};
 use run_monitor::Progress;
 
-/// The progress display of a run.
+/// The display of a run.
 pub(crate) struct View {
+    /// While there is one, it is all that is seen.
+    screen: Option<Screen>,
     bar: ProgressBar,
     tick_s: f64,
 }
 
 impl View {
-    pub(crate) fn new(end_tick: u64, tick_ns: u64) -> Self {
+    /// A progress bar, hidden where there is no terminal; with `screen` only should that close.
+    pub(crate) fn new(end_tick: u64, tick_ns: u64, screen: Option<Screen>) -> Self {
         let bar = ProgressBar::new(end_tick);
         let template = "{elapsed_precise} wall  [{bar:32}]  {msg}";
         bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
-        Self { bar, tick_s: Duration::from_nanos(tick_ns).as_secs_f64() }
+        Self { screen, bar, tick_s: Duration::from_nanos(tick_ns).as_secs_f64() }
     }
 
     /// Shows how far the run is.
-    pub(crate) fn show(&self, tick: u64, progress: &Progress) {
+    pub(crate) fn show(&mut self, tick: u64, progress: &Progress) {
+        if let Some(screen) = &self.screen {
+            if screen.is_open() {
+                return;
+            }
+            self.screen = None;
+        }
         #[expect(clippy::cast_precision_loss, reason = "shown with one decimal")]
         let sim_s = tick as f64 * self.tick_s;
         self.bar.set_position(tick);
@@ -35,14 +46,17 @@ impl View {
 
     /// Shows a line of a node's log.
     pub(crate) fn line(&self, line: &str) {
-        if self.bar.is_hidden() {
-            eprintln!("{line}");
-        } else {
-            self.bar.println(line);
+        match &self.screen {
+            Some(screen) => screen.line(line),
+            None if self.bar.is_hidden() => eprintln!("{line}"),
+            None => self.bar.println(line),
         }
     }
 
-    pub(crate) fn close(&self) {
-        self.bar.finish();
+    pub(crate) fn close(self) {
+        match self.screen {
+            Some(screen) => drop(screen),
+            None => self.bar.finish(),
+        }
     }
 }

@@ -52,6 +52,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         seed: args.seed,
         domain: args.domain,
         composed: true,
+        plain: true,
         ..UpArgs::default()
     };
     let stop = up::stop_on_signals()?;

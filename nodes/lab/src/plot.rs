@@ -24,8 +24,8 @@ pub(crate) struct Args {
 /// A scenario that cannot run, or a folder that cannot be written.
 pub(crate) fn run(args: &Args) -> Result<()> {
     let plan = up::load_plan(&args.run)?;
-    let options = UpArgs { composed: true, ..args.run.clone() };
-    let ended = up::execute(&plan, &options, &*up::stop_on_signals()?)?;
+    let options = UpArgs { composed: true, plain: true, ..args.run.clone() };
+    let ended = up::execute(&plan, &options, &up::stop_on_signals()?)?;
     write(&args.out, &ended.progress)?;
     print!("{}", ended.summary);
     ended.outcome

@@ -1,6 +1,7 @@
 //! `feeder-lab try-suite`: whole runs on motors that the controller was not made for, learning beside feedback alone.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context as _, Result, anyhow};
@@ -152,7 +153,7 @@ fn vary(scenario: &Scenario, plant: &Plant, learning: bool) -> Scenario {
     varied
 }
 
-fn outcome(scenario: &Scenario, options: &UpArgs, folder: &Path, stop: &AtomicBool) -> Result<Outcome> {
+fn outcome(scenario: &Scenario, options: &UpArgs, folder: &Path, stop: &Arc<AtomicBool>) -> Result<Outcome> {
     let topics = ["courier_state", "state"].map(|topic| format!("{}/{topic}", scenario.namespace()));
     let mut options = options.clone();
     options.recording.record = Some(folder.to_owned());

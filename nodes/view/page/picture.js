@@ -10,6 +10,7 @@ import { normalAt } from "./tray_mesh.js";
 /** A jump of more than this between two frames is a fall, not a motion, m. */
 const JUMP_M = 0.02;
 const FALLING = 2;
+const GRAVITY_M_S2 = 9.80665;
 const FLAT = [0, 0, 0, 1];
 
 /** @typedef {import("./scene.js").Picture} Picture */
@@ -24,6 +25,9 @@ export class Painter {
     this.trails = new Trails();
     /** Where parts that the selector alone knows are drawn, by its number. */
     this.seen = new Map();
+    /** How each part lay when it was last on a surface, and the falls that have begun, by its number. */
+    this.lay = new Map();
+    this.falls = new Map();
     this.matchedAt = null;
     this.match = { byPart: new Map(), unmatched: [] };
     /** What is drawn of each part, for the list beside the picture and the tests. */
@@ -64,7 +68,7 @@ export class Painter {
   }
 
   /** The parts that are there, where they truly lie. */
-  #trueParts({ older, newer, share }) {
+  #trueParts({ older, newer, share, timeS }) {
     const truth = newer.feeders[this.name].truth;
     const before = older.feeders[this.name]?.truth;
     if (!truth) {
@@ -77,6 +81,12 @@ export class Painter {
       const was = where.get(id);
       if (was !== undefined) {
         moveBack(place, turn, before.position_m.slice(was * 3, was * 3 + 3), before.orientation_xyzw.slice(was * 4, was * 4 + 4), share);
+      }
+      if (truth.surface[index] === FALLING) {
+        this.#fall(id, place, turn, timeS);
+      } else {
+        this.lay.set(id, turn);
+        this.falls.delete(id);
       }
       const found = this.match.byPart.get(id);
       return {
@@ -93,6 +103,27 @@ export class Painter {
     });
     const ghosts = this.match.unmatched.map((candidate) => ({ ...this.#asSeen(candidate), pose: null }));
     return [...parts, ...ghosts];
+  }
+
+  /**
+   * Moves a part that falls over the drop-off to where free fall has brought it, turning over on its way. The simulator
+   * leaves it at the edge until it has come to lie.
+   */
+  #fall(id, place, turn, timeS) {
+    const lay = this.lay.get(id) ?? turn;
+    const begun = this.falls.get(id);
+    // Time may have gone back.
+    const fall = begun && begun.sinceS <= timeS ? begun : { sinceS: timeS };
+    this.falls.set(id, fall);
+    const since = timeS - fall.sinceS;
+    const share = Math.min(1, since / Math.sqrt((2 * this.tray.rise_m) / GRAVITY_M_S2));
+    // Past the edge, counter-clockwise, by as much as it is wide.
+    const [r, angle] = [Math.hypot(place[0], place[1]), Math.atan2(place[1], place[0])];
+    const past = angle + (share * 2 * this.partRadius) / r;
+    place[0] = r * Math.cos(past);
+    place[1] = r * Math.sin(past);
+    place[2] -= share * share * this.tray.rise_m;
+    turnBetween(turn, lay, share);
   }
 
   /** The parts that the selector knows, where it takes them to be. */
@@ -176,6 +207,11 @@ function moveBack(place, turn, placeBefore, turnBefore, share) {
   for (let axis = 0; axis < 3; axis += 1) {
     place[axis] = mix(placeBefore[axis], place[axis], share);
   }
+  turnBetween(turn, turnBefore, share);
+}
+
+/** Turns a turn back to what lies between it and the one before. */
+function turnBetween(turn, turnBefore, share) {
   const sign = turn.reduce((sum, value, i) => sum + value * turnBefore[i], 0) < 0 ? -1 : 1;
   turn.forEach((value, i) => {
     turn[i] = mix(turnBefore[i], value * sign, share);

@@ -9,6 +9,7 @@ use feeder_wire::area::{LeasedArea, PlatenLeases, from_leases};
 use feeder_wire::delivery_state::PlannerStand;
 use feeder_wire::parts::{TruePart, TrueParts};
 use feeder_wire::{courier_state, delivery_state, joints, odometry, part_candidates, parts};
+use minifactory_msgs::action::DeliverPartResult;
 use minifactory_msgs::builtin_interfaces::msg::Time;
 use minifactory_msgs::ns_of_stamp;
 use nalgebra::Vector2;
@@ -206,6 +207,7 @@ fn delivery(stand: &PlannerStand) -> Value {
         "accepted": stand.accepted,
         "delivered": stand.delivered,
         "failed": stand.failed_by_outcome.iter().sum::<u32>(),
+        "parts_lost": stand.failed_by_outcome[usize::from(DeliverPartResult::PART_LOST)],
     })
 }
 

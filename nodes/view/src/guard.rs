@@ -72,6 +72,11 @@ impl Guard {
         Self { address, token }
     }
 
+    /// What the server is bound to.
+    pub(crate) fn address(&self) -> SocketAddr {
+        self.address
+    }
+
     /// Where the page is.
     pub(crate) fn url(&self) -> String {
         // Nobody can go to "any address": this machine can go to its own.

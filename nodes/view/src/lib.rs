@@ -7,11 +7,13 @@
 //!
 //! Over HTTP it serves the page, whose files are in the executable, and the WebSocket `/ws` on which everything else
 //! goes: messages in JSON, each with a `type`, and pictures with a header in JSON. A server that can be reached from
-//! other machines asks for a token.
+//! other machines asks for a token. Without a place to listen at there is no server, and who looks does so from within
+//! this process ([`Watch`]).
 
 mod assets;
 mod board;
 mod clockwork;
+mod connections;
 mod control_table;
 mod controls;
 mod description;
@@ -28,6 +30,7 @@ mod socket;
 mod status;
 mod story;
 mod viewers;
+mod watcher;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::Arc;
@@ -48,6 +51,7 @@ use crate::heard::{Ears, Heard};
 use crate::viewers::{Interest, Viewers};
 
 pub use crate::description::{DescriptionError, Source};
+pub use crate::watcher::{Sight, Watch};
 
 /// Where the page is unless told otherwise.
 pub const DEFAULT_PORT: u16 = 8080;
@@ -79,8 +83,8 @@ impl std::str::FromStr for Place {
 /// What is shown, and to whom.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// Where the server listens. Beyond loopback a token is asked for.
-    pub place: Place,
+    /// Where the server listens, if there is to be one. Beyond loopback a token is asked for.
+    pub place: Option<Place>,
     /// Refuse every control.
     pub read_only: bool,
     /// Where what is shown comes from.
@@ -120,16 +124,16 @@ struct Shared {
     board: Board,
     events: Events,
     viewers: Viewers,
-    guard: Guard,
     turned_away: TurnedAway,
     clients: Clients,
     clockwork: Clockwork,
 }
 
-/// A server. Dropped, it closes all conversations and leaves.
+/// A server, or nobody but those who look from within this process. Dropped, it closes all conversations and leaves.
 pub struct View {
-    url: String,
-    address: SocketAddr,
+    /// The page's, if there is one.
+    url: Option<String>,
+    address: Option<SocketAddr>,
     leave: watch::Sender<bool>,
     threads: Vec<JoinHandle<()>>,
     shared: Arc<Shared>,
@@ -142,8 +146,7 @@ impl View {
     /// [`ViewError`] when the address is taken or the graph cannot be heard.
     pub fn start(plan: &RunPlan, settings: &Settings) -> Result<Self, ViewError> {
         let cell = Description::new(plan, &settings.scenario)?;
-        let (listener, address) = server::bind(settings.place)?;
-        let token = (!address.ip().is_loopback()).then(|| format!("{:032x}", rand::random::<u128>()));
+        let bound = settings.place.map(server::bind).transpose()?;
         let participant = Participant::open(&settings.domain, &NodeName::new("/", "feeder_view")?)?;
         let heard = Heard::new(&cell);
         let ears = Ears::open(&participant, &cell, &heard)?;
@@ -151,8 +154,12 @@ impl View {
         let clients = Clients::open(&participant, &cell)?;
         let clockwork = Clockwork::new(&cell, settings.source, settings.read_only);
         let board = Board::new(&cell, clockwork.hello(&cell));
-        let guard = Guard::new(address, token);
-        let url = guard.url();
+        let page = bound.map(|(listener, address)| {
+            let token = (!address.ip().is_loopback()).then(|| format!("{:032x}", rand::random::<u128>()));
+            (listener, Guard::new(address, token))
+        });
+        let url = page.as_ref().map(|(_, guard)| guard.url());
+        let address = page.as_ref().map(|(_, guard)| guard.address());
         let viewers = Viewers::new(changes);
         let events = Events::default();
         let shared = Arc::new(Shared {
@@ -161,7 +168,6 @@ impl View {
             board,
             events,
             viewers,
-            guard,
             turned_away: TurnedAway::default(),
             clients,
             clockwork,
@@ -169,7 +175,7 @@ impl View {
         let leave = watch::Sender::new(false);
         let run = {
             let (shared, left) = (Arc::clone(&shared), leave.subscribe());
-            move || server::run(listener, &shared, left)
+            move || server::run(page, &shared, left)
         };
         let left = leave.subscribe();
         let threads = vec![
@@ -184,13 +190,13 @@ impl View {
 
     /// The address of the page, with the token if there is one.
     #[must_use]
-    pub fn url(&self) -> &str {
-        &self.url
+    pub fn url(&self) -> Option<&str> {
+        self.url.as_deref()
     }
 
-    /// Where the server listens.
+    /// Where the server listens, if there is one.
     #[must_use]
-    pub fn address(&self) -> SocketAddr {
+    pub fn address(&self) -> Option<SocketAddr> {
         self.address
     }
 

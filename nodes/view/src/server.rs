@@ -14,7 +14,8 @@ use tokio::net::TcpListener;
 use tokio::sync::watch;
 
 use crate::assets::{Asset, asset};
-use crate::guard::Refusal;
+use crate::connections::Bounded;
+use crate::guard::{Guard, Refusal};
 use crate::pump::Pump;
 use crate::{DEFAULT_PORT, Place, Shared, ViewError, clockwork, socket};
 
@@ -62,6 +63,7 @@ pub(crate) fn bind(place: Place) -> Result<(std::net::TcpListener, SocketAddr), 
 #[derive(Clone)]
 struct Door {
     shared: Arc<Shared>,
+    guard: Arc<Guard>,
     left: watch::Receiver<bool>,
 }
 
@@ -74,49 +76,25 @@ impl Door {
     }
 }
 
-/// Serves until it is told to leave.
-pub(crate) fn run(listener: std::net::TcpListener, shared: &Arc<Shared>, left: watch::Receiver<bool>) {
+/// A socket to listen at, and who may come in there.
+pub(crate) type Page = (std::net::TcpListener, Guard);
+
+/// Shows what is heard until it is told to leave, on a page if there is one.
+pub(crate) fn run(page: Option<Page>, shared: &Arc<Shared>, mut left: watch::Receiver<bool>) {
     let runtime = match tokio::runtime::Builder::new_current_thread().enable_all().build() {
         Ok(runtime) => runtime,
         Err(error) => return tracing::error!("view: cannot start: {error}"),
     };
-    let door = Door { shared: Arc::clone(shared), left: left.clone() };
     let served = runtime.block_on(async {
         let pump = tokio::spawn(Pump::new(Arc::clone(shared)).run());
         let clockwork = tokio::spawn(clockwork::follow(Arc::clone(shared)));
-        let router = Router::new()
-            .route(
-                "/",
-                get(|State(door): State<Door>, headers: HeaderMap| async move { file(&door, &headers, "index.html") }),
-            )
-            .route("/ws", get(enter))
-            .route(
-                "/{name}",
-                get(|State(door): State<Door>, headers: HeaderMap, Path(name): Path<String>| async move {
-                    file(&door, &headers, &name)
-                }),
-            )
-            .fallback(|State(door): State<Door>, headers: HeaderMap| async move { file(&door, &headers, "") })
-            .with_state(door);
-        let (mut told, mut stopped) = (left.clone(), left);
-        let leave = async move { socket::told_to_leave(&mut told).await };
-        let serve = axum::serve(TcpListener::from_std(listener)?, router).with_graceful_shutdown(leave);
-        let give_up = async {
-            socket::told_to_leave(&mut stopped).await;
-            tokio::time::sleep(FAREWELL_LIMIT).await;
-        };
-        let served = tokio::select! {
-            served = serve.into_future() => served,
-            // Whoever has sent half a request is not waited for.
-            () = give_up => Ok(()),
-        };
-        let farewells = async {
-            while shared.viewers.count() > 0 {
-                tokio::time::sleep(Duration::from_millis(5)).await;
+        let served = match page {
+            Some(page) => serve(page, shared, left).await,
+            None => {
+                socket::told_to_leave(&mut left).await;
+                Ok(())
             }
         };
-        // One that does not listen any more is left alone.
-        let _ = tokio::time::timeout(FAREWELL_LIMIT, farewells).await;
         pump.abort();
         clockwork.abort();
         served
@@ -126,8 +104,48 @@ pub(crate) fn run(listener: std::net::TcpListener, shared: &Arc<Shared>, left: w
     }
 }
 
+/// Serves the page until it is told to leave.
+async fn serve((listener, guard): Page, shared: &Arc<Shared>, left: watch::Receiver<bool>) -> std::io::Result<()> {
+    let door = Door { shared: Arc::clone(shared), guard: Arc::new(guard), left: left.clone() };
+    let router = Router::new()
+        .route(
+            "/",
+            get(|State(door): State<Door>, headers: HeaderMap| async move { file(&door, &headers, "index.html") }),
+        )
+        .route("/ws", get(enter))
+        .route(
+            "/{name}",
+            get(|State(door): State<Door>, headers: HeaderMap, Path(name): Path<String>| async move {
+                file(&door, &headers, &name)
+            }),
+        )
+        .fallback(|State(door): State<Door>, headers: HeaderMap| async move { file(&door, &headers, "") })
+        .with_state(door);
+    let (mut told, mut stopped) = (left.clone(), left);
+    let leave = async move { socket::told_to_leave(&mut told).await };
+    let listener = Bounded::new(TcpListener::from_std(listener)?, Arc::clone(shared));
+    let serve = axum::serve(listener, router).with_graceful_shutdown(leave);
+    let give_up = async {
+        socket::told_to_leave(&mut stopped).await;
+        tokio::time::sleep(FAREWELL_LIMIT).await;
+    };
+    let served = tokio::select! {
+        served = serve.into_future() => served,
+        // Whoever has sent half a request is not waited for.
+        () = give_up => Ok(()),
+    };
+    let farewells = async {
+        while shared.viewers.count() > 0 {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    };
+    // One that does not listen any more is left alone.
+    let _ = tokio::time::timeout(FAREWELL_LIMIT, farewells).await;
+    served
+}
+
 fn file(door: &Door, headers: &HeaderMap, name: &str) -> Response {
-    if let Err(refusal) = door.shared.guard.check_origin(headers) {
+    if let Err(refusal) = door.guard.check_origin(headers) {
         return door.refuse(refusal);
     }
     match asset(name) {
@@ -144,10 +162,10 @@ async fn enter(
     RawQuery(query): RawQuery,
     upgrade: WebSocketUpgrade,
 ) -> Response {
-    let Door { shared, left, .. } = &door;
+    let Door { shared, guard, left } = &door;
     let query = query.unwrap_or_default();
     let token = query.split('&').find_map(|pair| pair.strip_prefix("token="));
-    if let Err(refusal) = shared.guard.check_origin(&headers).and_then(|()| shared.guard.check_token(token)) {
+    if let Err(refusal) = guard.check_origin(&headers).and_then(|()| guard.check_token(token)) {
         return door.refuse(refusal);
     }
     let Some(viewer) = shared.viewers.enter() else { return door.refuse(Refusal::TooManyViewers) };

@@ -2,7 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use std::io::Write as _;
+use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
 use std::time::Duration;
 
@@ -20,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 fn settings(domain: &TestDomain, place: &str) -> Settings {
     Settings {
-        place: place.parse().unwrap(),
+        place: Some(place.parse().unwrap()),
         read_only: false,
         source: Source::Run,
         scenario: "default".to_owned(),
@@ -33,7 +33,7 @@ fn start(settings: &Settings) -> View {
 }
 
 fn loopback(view: &View) -> SocketAddr {
-    SocketAddr::from(([127, 0, 0, 1], view.address().port()))
+    SocketAddr::from(([127, 0, 0, 1], view.address().unwrap().port()))
 }
 
 /// A viewer that says where it comes from, and how it was let in or why not.
@@ -101,7 +101,7 @@ fn get(view: &View, head: &str) -> String {
 fn the_page_comes_with_rules_for_the_browser() {
     let domain = TestDomain::claim();
     let view = start(&settings(&domain, "0"));
-    let port = view.address().port();
+    let port = view.address().unwrap().port();
     let page = get(&view, &format!("GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}"));
     assert!(page.starts_with("HTTP/1.1 200"), "{page}");
     for header in ["content-type: text/html; charset=utf-8", "default-src 'none'", "x-content-type-options: nosniff"] {
@@ -143,7 +143,7 @@ fn a_page_of_somewhere_else_is_turned_away() {
 fn whoever_comes_from_elsewhere_needs_the_token() {
     let domain = TestDomain::claim();
     let view = start(&settings(&domain, "0.0.0.0:0"));
-    let (_, token) = view.url().split_once("?token=").unwrap();
+    let (_, token) = view.url().unwrap().split_once("?token=").unwrap();
     assert_eq!(token.len(), 32);
     let wrong = token.replace(token.chars().next().unwrap(), "z");
     for path in ["/ws", "/ws?token=", &format!("/ws?token={wrong}"), &format!("/ws?token={token}0")] {
@@ -221,6 +221,30 @@ fn half_a_message_and_half_a_request_hold_nobody_up() {
 }
 
 #[test]
+fn half_requests_take_so_many_places_and_no_more() {
+    let domain = TestDomain::claim();
+    let view = start(&settings(&domain, "0"));
+    let half = || {
+        let mut stream = TcpStream::connect(loopback(&view)).unwrap();
+        // Whoever finds no place may find the connection closed already.
+        let _ = stream.write_all(b"GET / HTTP/1.1\r\nHost: 127");
+        stream
+    };
+    let halves: Vec<TcpStream> = (0..128).map(|_| half()).collect();
+    let answer = |stream: &mut TcpStream| {
+        let mut answer = Vec::new();
+        let _ = stream.write_all(b".0.0.1\r\nConnection: close\r\n\r\n");
+        let _ = stream.read_to_end(&mut answer);
+        String::from_utf8(answer).unwrap()
+    };
+    assert_eq!(answer(&mut half()), "", "there is no place left");
+    drop(halves);
+    while !answer(&mut half()).starts_with("HTTP/1.1 200") {
+        std::thread::yield_now();
+    }
+}
+
+#[test]
 fn controls_that_cannot_be_are_refused_with_the_reason() {
     let domain = TestDomain::claim();
     let view = start(&settings(&domain, "0"));
@@ -286,7 +310,7 @@ fn viewers_hear_that_the_server_leaves() {
 fn a_port_that_is_taken_is_an_error_unless_any_will_do() {
     let domain = TestDomain::claim();
     let view = start(&settings(&domain, "0"));
-    let taken = Settings { place: Place::At(view.address()), ..settings(&domain, "0") };
+    let taken = Settings { place: Some(Place::At(view.address().unwrap())), ..settings(&domain, "0") };
     let error = View::start(&load_plan(None).unwrap(), &taken).err().unwrap();
-    assert!(error.to_string().contains(&view.address().to_string()), "{error}");
+    assert!(error.to_string().contains(&view.address().unwrap().to_string()), "{error}");
 }
