@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Rotation2, SMatrix, SVector, Vector2};
 
-use super::modes::{self, Amounts, LightAmounts, MODES, added};
+use super::modes::{self, Amounts, Light, LightAmounts, MODES, added};
 use super::segment::{RELATIVE_UNITS, Segmentation};
 use super::sought::{BARE_BRIGHT_SIGMA, BARE_DARK_SIGMA, BARE_PLAIN_SIGMA, CoarsePoint, Sought, Turn, gradient};
 use super::template::{Aspect, period_rad};
@@ -218,7 +218,7 @@ impl Fineness {
 }
 
 /// A texel of the template as the fit uses it.
-struct Probe {
+struct Probe<const UNKNOWNS: usize> {
     /// Place in the part's directions, m.
     place: Vector2<f64>,
     value: f32,
@@ -236,8 +236,9 @@ struct Probe {
     slope: SVector<f32, UNKNOWNS>,
 }
 
-/// What is fitted: place, yaw, and what light and lens have made of the picture.
-const UNKNOWNS: usize = 3 + MODES;
+/// What is fitted in the light taught: place and yaw; and in any: what light and lens have made of the picture too.
+const PLACE_UNKNOWNS: usize = 3;
+const ALL_UNKNOWNS: usize = PLACE_UNKNOWNS + MODES;
 
 /// Fits a pose to a frame from a first guess: Gauss–Newton on place, yaw and modes, the template's gradient taken at the guess
 /// (the inverse compositional form of Lucas and Kanade: Baker and Matthews 2004, "Lucas-Kanade 20 years on"). Shading turns
@@ -252,6 +253,23 @@ pub(super) fn refine(
     belief: &Belief,
     fineness: Fineness,
 ) -> Option<Fit> {
+    match sought.light {
+        Light::Taught => laid::<PLACE_UNKNOWNS>(frame, view, sought, start, owners, belief, fineness),
+        Light::Any => laid::<ALL_UNKNOWNS>(frame, view, sought, start, owners, belief, fineness),
+    }
+}
+
+/// As [`refine`], with the first of all unknowns.
+fn laid<const UNKNOWNS: usize>(
+    frame: &Segmentation,
+    view: &View,
+    sought: &Sought,
+    start: Fit,
+    owners: &Owners,
+    belief: &Belief,
+    fineness: Fineness,
+) -> Option<Fit> {
+    let modes = UNKNOWNS - PLACE_UNKNOWNS;
     let tray_yaw_rad = view.platen_from_tray.rotation.angle();
     let slant = view.slant(start.centre, sought.plane_m);
     let turns = sought.template.yaw_symmetry != 0;
@@ -262,7 +280,7 @@ pub(super) fn refine(
     let start = Fit { yaw_rad: folded_rad - tray_yaw_rad, ..start };
     let noise = frame.sigma * frame.sigma;
     let aspect = Aspect { yaw_rad: folded_rad, slant };
-    let probes = probes(sought, &aspect, noise, owners.beside_sigma, &belief.added, fineness);
+    let probes: Vec<Probe<UNKNOWNS>> = probes(sought, &aspect, noise, owners.beside_sigma, &belief.added, fineness);
     let bare = Bare::new(noise);
     let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
     let px_from_tray = view.px_from_tray(start.centre, sought.plane_m)?;
@@ -291,8 +309,8 @@ pub(super) fn refine(
             }
             let level = level * (1.0 / RELATIVE_UNITS);
             let shade = frame.wall_shade(index);
-            let value =
-                probe.value + probe.turned * turned_rad + probe.wall_shade * shade + added(&probe.effect, &fit.amounts);
+            let lit = if modes > 0 { added(&probe.effect, &fit.amounts) } else { 0.0 };
+            let value = probe.value + probe.turned * turned_rad + probe.wall_shade * shade + lit;
             let miss = (level - value) * probe.inverse_sigma;
             let miss = miss.clamp(-probe.dark_max, MISS_SIGMAS_MAX);
             evidence += bare.outdone(level - shade, miss, probe.log_inverse_sigma);
@@ -308,7 +326,7 @@ pub(super) fn refine(
             return None;
         }
         fit.cost = sum / seen;
-        let doubt: f32 = (0..MODES)
+        let doubt: f32 = (0..modes)
             .map(|mode| 0.5 * ((fit.amounts[mode] - belief.middle[mode]) / belief.spread[mode]).powi(2))
             .sum();
         fit.evidence = evidence * sought.texel_weight * fineness.stride() as f32 - doubt;
@@ -322,29 +340,29 @@ pub(super) fn refine(
         let factors = match normal {
             Some(factors) => factors,
             None => {
-                for pose in 0..3 {
+                for pose in 0..PLACE_UNKNOWNS {
                     matrix[(pose, pose)] += matrix[(pose, pose)].max(if pose == 2 { 1.0 } else { 0.0 }) * DAMPING;
                 }
                 // The spread of each mode is a belief about it.
-                for (mode, spread) in belief.spread.iter().enumerate() {
-                    matrix[(3 + mode, 3 + mode)] += 1.0 / (spread * spread);
+                for (mode, spread) in belief.spread.iter().enumerate().take(modes) {
+                    matrix[(PLACE_UNKNOWNS + mode, PLACE_UNKNOWNS + mode)] += 1.0 / (spread * spread);
                 }
                 *normal.insert(matrix.cholesky()?)
             }
         };
-        for (mode, amount) in fit.amounts.iter().enumerate() {
-            target[3 + mode] -= (amount - belief.middle[mode]) / belief.spread[mode].powi(2);
+        for (mode, amount) in fit.amounts.iter().enumerate().take(modes) {
+            target[PLACE_UNKNOWNS + mode] -= (amount - belief.middle[mode]) / belief.spread[mode].powi(2);
         }
         let change = factors.solve(&target);
         // The template moves by the inverse of what would bring it to the picture it shows.
         let moved = Vector2::new(change[0], change[1]).map(f64::from) * sought.m_per_px;
         fit.centre -= Rotation2::new(fit.yaw_rad) * moved;
         fit.yaw_rad -= f64::from(change[2]);
-        for (mode, amount) in fit.amounts.iter_mut().enumerate() {
+        for (mode, amount) in fit.amounts.iter_mut().enumerate().take(modes) {
             *amount = if mode == modes::SCALE {
-                (*amount + change[3 + mode]).clamp(-5.0, 5.0)
+                (*amount + change[PLACE_UNKNOWNS + mode]).clamp(-5.0, 5.0)
             } else {
-                modes::clamped(*amount + change[3 + mode])
+                modes::clamped(*amount + change[PLACE_UNKNOWNS + mode])
             };
         }
         let drift_px = (fit.centre - start.centre).norm() / sought.m_per_px;
@@ -430,14 +448,14 @@ pub(super) fn residuals(
 }
 
 /// The template's texels under an aspect, as the fit uses them.
-fn probes(
+fn probes<const UNKNOWNS: usize>(
     sought: &Sought,
     aspect: &Aspect,
     noise: f32,
     beside_sigma: f32,
     added: &[f32],
     fineness: Fineness,
-) -> Vec<Probe> {
+) -> Vec<Probe<UNKNOWNS>> {
     let turns = sought.template.yaw_symmetry != 0;
     let picture = sought.template.picture(aspect);
     let picture_change = turns.then(|| sought.template.picture_change(aspect));
@@ -453,7 +471,7 @@ fn probes(
         let effect = sought.effects[index];
         let mut slope = SVector::<f32, UNKNOWNS>::zeros();
         slope.fixed_rows_mut::<3>(0).copy_from_slice(&[x, y, turning]);
-        slope.iter_mut().skip(3).zip(effect).for_each(|(slope, effect)| *slope = effect * inverse_sigma);
+        slope.iter_mut().skip(PLACE_UNKNOWNS).zip(effect).for_each(|(slope, effect)| *slope = effect * inverse_sigma);
         Probe {
             place,
             value: picture[index] + added.get(index).copied().unwrap_or(0.0),

@@ -6,7 +6,7 @@ use super::SelectorConfig;
 use super::detector::{Detector, Found};
 use super::health::FrameHealth;
 use super::hull::{distance_m, gap_m};
-use super::modes::{BLUR, BLUR_SPREAD_PX2, SCALE, SCALE_SPREAD, size_off};
+use super::modes::{BLUR, BLUR_SPREAD_PX2, Light, SCALE, SCALE_SPREAD, size_off};
 use super::segment::Uncovered;
 use super::surround::DISTANCES;
 use super::view::View;
@@ -117,13 +117,20 @@ pub(super) fn judge(
         outlines.push((part.pose, outline));
     }
     let (own_px, foreign_px) = measure_gaps(detector, view, &outlines, &mut candidates);
-    let recognised: Vec<&Found> = found.iter().filter(|part| is_recognised(detector, part, config)).collect();
-    (candidates, health(detector, &recognised, own_px, foreign_px))
+    (candidates, health(detector, config, found, own_px, foreign_px))
 }
 
 /// What the frame is worth, of whose uncovered foreground `own_px` belong to parts as their shade and `foreign_px` do not.
-fn health(detector: &Detector, recognised: &[&Found], own_px: usize, foreign_px: usize) -> FrameHealth {
-    let (plateau_px, part_px) = detector.covered_px();
+fn health(
+    detector: &Detector,
+    config: &SelectorConfig,
+    found: &[Found],
+    own_px: usize,
+    foreign_px: usize,
+) -> FrameHealth {
+    let recognised: Vec<&Found> = found.iter().filter(|part| is_recognised(detector, part, config)).collect();
+    let part_px: usize = found.iter().map(|part| part.px).sum();
+    let recognised_px: usize = recognised.iter().map(|part| part.px).sum();
     let (plateau_ratio, hub_ratio) = detector.light_ratios().unwrap_or((1.0, None));
     let covered_px = part_px + own_px + foreign_px;
     let middle = |mode: usize, spread: f32| {
@@ -131,9 +138,9 @@ fn health(detector: &Detector, recognised: &[&Found], own_px: usize, foreign_px:
         amounts.sort_by(f32::total_cmp);
         amounts.get(amounts.len() / 2).map(|amount| f64::from(*amount))
     };
-    let explained = if recognised.is_empty() { 0 } else { part_px + own_px };
+    let explained = if recognised.is_empty() { 0 } else { recognised_px + own_px };
     FrameHealth {
-        covered_ratio: covered_px as f64 / plateau_px.max(1) as f64,
+        covered_ratio: covered_px as f64 / detector.plateau_px().max(1) as f64,
         explained_ratio: if covered_px == 0 { 1.0 } else { explained as f64 / covered_px as f64 },
         plateau_ratio,
         hub_ratio,
@@ -147,6 +154,9 @@ fn health(detector: &Detector, recognised: &[&Found], own_px: usize, foreign_px:
 /// Whether a part looks as taught, in size too, and like nothing else.
 fn is_recognised(detector: &Detector, part: &Found, config: &SelectorConfig) -> bool {
     let miss_max = detector.sought[part.pose].template.miss_max + detector.sought[part.pose].noise_miss;
+    if detector.light == Light::Taught {
+        return part.fit.cost <= miss_max && part.lead >= single(config.evidence_lead_min);
+    }
     let led = part.lead_ratio.map_or(part.lead >= single(config.evidence_lead_min), |ratio| ratio >= LEAD_RATIO_MIN);
     let size_off_max = if part.in_company { SIZE_OFF_IN_COMPANY_MAX } else { SIZE_OFF_MAX };
     let like = part.unlike <= UNLIKE_MAX && size_off(&part.fit.amounts) <= size_off_max && !part.weak;
@@ -193,13 +203,18 @@ fn measure_gaps(
         let reach_m = |pose: usize| reach_m(pose) + DISTANCES as f64 * detector.sought[pose].m_per_px;
         let near = |index: &usize| (centres[*index] - point).norm() < reach_m(outlines[*index].0).max(NEAR_M);
         let near: Vec<usize> = (0..outlines.len()).filter(near).collect();
-        let is_its = |index: &usize| {
+        let range = |index: &usize| {
             let (pose, candidate) = (outlines[*index].0, &candidates[*index]);
             let lies = (centres[*index], candidate.yaw_rad.unwrap_or(0.0));
-            detector.surrounds[pose].explains(view, &detector.sought[pose], lies, (point, level), tolerance)
+            detector.surrounds[pose].range(view, &detector.sought[pose], lies, point, detector.light.scatters())
         };
-        // What is a part's own is in the way of none.
-        if near.iter().any(is_its) {
+        // What is a part's own is in the way of none. Shades add up, where they are known exactly.
+        let together = |(low, high): (f32, f32), (lower, higher): (f32, f32)| match detector.light {
+            Light::Taught => (low + lower, high + higher),
+            Light::Any => (low.min(lower), high.max(higher)),
+        };
+        let (low, high) = near.iter().map(range).fold((0.0, 0.0), together);
+        if level < 0.0 && level >= low - tolerance || level >= 0.0 && level <= high + tolerance {
             own_px += px;
             continue;
         }

@@ -4,8 +4,9 @@
 //! geometry and a model of the part learned from images ([`teach`]), and from nothing else. A frame passes five steps: `segment` parts the
 //! plateau from what lies on it; `search` finds places where rings of brightness are those of a taught pose, whatever the
 //! yaw, and of parts with a yaw where a glance at all yaws misses least; `align` tries yaws there and fits place and yaw to a fraction of a pixel; `detector` takes the best fits for parts
-//! until nothing is left to explain, so that touching parts come apart; `candidate` tells pose, confidence and room. `track`
-//! follows parts from frame to frame, and `rule` says which of them may be picked.
+//! until nothing is left to explain, so that touching parts come apart; `candidate` tells pose, confidence and room. `sight` looks so
+//! in the light taught first and, where that leaves much unexplained, in any. `track` follows parts from frame to frame, and `rule`
+//! says which of them may be picked.
 //!
 //! Beside that, [`decode`] and [`RawPicture`] read what cameras send, [`misalignment`] tells by rim and hub whether the camera hangs
 //! where it is said to, [`calibrate`] finds out where it hangs, and [`things`] shows what lies there before a part is taught.
@@ -25,6 +26,7 @@ mod pose_history;
 mod rule;
 mod search;
 mod segment;
+mod sight;
 mod sought;
 mod surround;
 mod survey;
@@ -36,10 +38,10 @@ mod view;
 use image::GrayImage;
 use nalgebra::{Isometry2, Point2};
 
-use detector::Detector;
-use feeder_model::camera::{CameraModel, MountedTray, single};
+use feeder_model::camera::{CameraModel, MountedTray};
 use feeder_model::part::Refusals;
 use feeder_model::range::OutOfRange;
+use sight::Sight;
 use track::Tracker;
 
 pub use calibration::{
@@ -92,7 +94,7 @@ pub enum ImageFault {
 #[derive(Clone, Debug)]
 pub struct Selector {
     config: SelectorConfig,
-    detector: Detector,
+    sight: Sight,
     tracker: Tracker,
     health: FrameHealth,
 }
@@ -113,7 +115,7 @@ impl Selector {
         Self::check(&config, camera, tray, model)?;
         let symmetries = model.poses.iter().map(|pose| pose.yaw_symmetry).collect();
         let tracker = Tracker::new(config.tracker, symmetries);
-        Ok(Self { config, detector: Detector::new(camera, tray, model), tracker, health: FrameHealth::default() })
+        Ok(Self { config, sight: Sight::new(camera, tray, model), tracker, health: FrameHealth::default() })
     }
 
     /// Checks what a selector is made of.
@@ -166,10 +168,7 @@ impl Selector {
         image: &GrayImage,
         platen_from_tray: &Isometry2<f64>,
     ) -> Result<Vec<Candidate>, ImageFault> {
-        let SelectorConfig { contrast_min_levels, miss_max, .. } = self.config;
-        let found = self.detector.find(image, platen_from_tray, contrast_min_levels, single(miss_max))?;
-        let view = self.detector.view(platen_from_tray);
-        let (candidates, health) = candidate::judge(&self.detector, &view, &self.config, &found);
+        let (candidates, health) = self.sight.look(image, platen_from_tray, &self.config)?;
         self.health = health;
         Ok(candidates)
     }
@@ -183,13 +182,13 @@ impl Selector {
     /// Convex outline of a part as the selector sees it, tray frame, m.
     #[must_use]
     pub fn outline(&self, candidate: &Candidate) -> Vec<Point2<f64>> {
-        self.detector.outline(candidate.likeness, candidate.centre(), candidate.yaw_rad.unwrap_or(0.0))
+        self.sight.taught.outline(candidate.likeness, candidate.centre(), candidate.yaw_rad.unwrap_or(0.0))
     }
 
     /// Length along the part's own x and y of what the selector sees it reach, and its height, m.
     #[must_use]
     pub fn size_m(&self, candidate: &Candidate) -> [f64; 3] {
-        let Some(sought) = self.detector.sought.get(candidate.likeness) else {
+        let Some(sought) = self.sight.taught.sought.get(candidate.likeness) else {
             return [0.0; 3];
         };
         let reach = |axis: usize| sought.outline_m.iter().map(|corner| corner[axis].abs()).fold(0.0, f64::max);
@@ -199,7 +198,7 @@ impl Selector {
     /// Radius of a circle about the place of a part that holds its outline, m.
     #[must_use]
     pub fn radius_m(&self, candidate: &Candidate) -> f64 {
-        self.detector.sought.get(candidate.likeness).map_or(0.0, |sought| sought.radius_m)
+        self.sight.taught.sought.get(candidate.likeness).map_or(0.0, |sought| sought.radius_m)
     }
 
     /// What speaks against picking a part, whatever its pose.

@@ -9,6 +9,42 @@
 
 use super::template::PoseTemplate;
 
+/// In what light, through what lens and on what surfaces parts are looked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Light {
+    /// As taught: a part's picture is the template's, and nothing of it is fitted but place and yaw.
+    Taught,
+    /// Whatever it is: what it does to the picture is fitted too.
+    Any,
+}
+
+impl Light {
+    /// What no template reproduces of a part, relative to the plateau's brightness.
+    pub(super) fn model_sigma(self) -> f32 {
+        match self {
+            Self::Taught => 0.012,
+            Self::Any => 0.02,
+        }
+    }
+
+    /// By how many of the usual deviations what parts have round them differs: 2.7 standard deviations of a normal one where all
+    /// that was taught counts, and as little as can be where a few parts of a frame tell.
+    pub(super) fn scatters(self) -> f32 {
+        match self {
+            Self::Taught => 4.0,
+            Self::Any => 1.0,
+        }
+    }
+
+    /// By how much edges are elsewhere than in the template, or less sharp, px.
+    pub(super) fn edge_miss_px(self) -> f32 {
+        match self {
+            Self::Taught => 0.0,
+            Self::Any => 0.2,
+        }
+    }
+}
+
 /// Modes that light makes: the coarse search knows these.
 pub(super) const LIGHT_MODES: usize = 4;
 /// All modes.

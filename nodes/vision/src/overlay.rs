@@ -29,7 +29,7 @@ pub fn draw_overlay(
     platen_from_tray: &Isometry2<f64>,
 ) -> RgbImage {
     let mut canvas = image::DynamicImage::from(image.clone()).into_rgb8();
-    let detector = &selector.detector;
+    let detector = &selector.sight.taught;
     let view = detector.view(platen_from_tray);
     let tray = view.tray;
     let pixel =

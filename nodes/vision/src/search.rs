@@ -1,7 +1,7 @@
 //! Where to look closer: the rings of brightness about a place tell, whatever the yaw, whether a part may lie there; of a part
 //! that does not look the same from all sides, a glance at all yaws tells where that is likeliest.
 
-use super::modes::{LIGHT_MODES, LightAmounts, added, clamped};
+use super::modes::{LIGHT_MODES, Light, LightAmounts, added, clamped};
 use super::segment::{RELATIVE_UNITS, Segmentation};
 use super::sought::{Ring, Sought};
 use super::template::RING_MISS_MAX;
@@ -121,7 +121,7 @@ impl Search {
                     self.sum_rings_at_border(frame, x, y, &mut summed);
                 }
                 for ((misses, lights), sought) in self.misses.iter_mut().zip(&mut self.lights).zip(sought) {
-                    let light = light(&sought.rings, &summed);
+                    let light = light(sought, &summed);
                     lights[place] = light;
                     let (mut miss, mut weight) = (0.0, 0.0);
                     let rings = sought.rings.iter().zip(&summed);
@@ -163,7 +163,7 @@ impl Search {
     pub(super) fn light_at(&self, frame: &Segmentation, sought: &Sought, column: usize, row: usize) -> LightAmounts {
         let mut summed = vec![RingSum::default(); self.ends.len()];
         self.sum_rings_at_border(frame, column, row, &mut summed);
-        light(&sought.rings, &summed)
+        light(sought, &summed)
     }
 
     /// The least mean square miss of a pose in the latest frame within a place of a pixel of the window.
@@ -224,9 +224,12 @@ fn difference(ring: &Ring, sum: &RingSum) -> f32 {
 }
 
 /// What the rings that are seen tell of the light.
-fn light(rings: &[Ring], summed: &[RingSum]) -> LightAmounts {
+fn light(sought: &Sought, summed: &[RingSum]) -> LightAmounts {
     let mut light = [0.0; LIGHT_MODES];
-    for (ring, sum) in rings.iter().zip(summed).filter(|(_, sum)| sum.hidden <= RING_HIDDEN_MAX) {
+    if sought.light == Light::Taught {
+        return light;
+    }
+    for (ring, sum) in sought.rings.iter().zip(summed).filter(|(_, sum)| sum.hidden <= RING_HIDDEN_MAX) {
         let difference = difference(ring, sum);
         light.iter_mut().zip(ring.amounts).for_each(|(amount, told)| *amount += told * difference);
     }

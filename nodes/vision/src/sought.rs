@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix2, Point2, Rotation2, SMatrix, SVector, Vector2};
 
 use super::hull::signed_distance_m;
-use super::modes::{self, Amounts, LIGHT_MODES, LightAmounts};
+use super::modes::{self, Amounts, LIGHT_MODES, Light, LightAmounts, MODES};
 use super::template::{Aspect, PoseTemplate};
 use feeder_model::camera::{CameraModel, MountedTray, single};
 
@@ -13,9 +13,7 @@ use feeder_model::camera::{CameraModel, MountedTray, single};
 const RIM_PX: f64 = 1.8;
 /// How far inside and outside the outline the lens lets see of both, px.
 const EDGE_PX: f64 = 1.0;
-/// What no template reproduces of a part, and of what lies beside it among others and alone, relative to the plateau's
-/// brightness.
-const MODEL_SIGMA: f32 = 0.02;
+/// Scatter of what lies beside a part among others and alone, relative to the plateau's brightness.
 pub(super) const SHADE_SIGMA: f32 = 0.12;
 pub(super) const FREE_SIGMA: f32 = 0.02;
 /// What bare floor may look like: hardly brighter than it is, but darker by far in the shade of parts.
@@ -23,8 +21,6 @@ pub(super) const BARE_BRIGHT_SIGMA: f32 = 0.12;
 pub(super) const BARE_DARK_SIGMA: f32 = 0.3;
 /// The same where nothing shades it: stains and mottling.
 pub(super) const BARE_PLAIN_SIGMA: f32 = 0.03;
-/// By how much edges are elsewhere than in the template, or less sharp, px.
-const EDGE_MISS_PX: f32 = 0.2;
 /// Most points compared in the coarse search and in the fine one.
 const COARSE_POINTS_MAX: usize = 100;
 const FINE_POINTS_MAX: usize = 500;
@@ -88,6 +84,8 @@ pub(super) struct Turn {
 #[derive(Clone, Debug)]
 pub(super) struct Sought {
     pub template: PoseTemplate,
+    /// The light in which it is looked for.
+    pub light: Light,
     /// The plane above the platen in which its places are measured, m.
     pub plane_m: f64,
     pub rings: Vec<Ring>,
@@ -117,12 +115,13 @@ pub(super) struct Sought {
 }
 
 impl Sought {
-    pub(super) fn new(template: &PoseTemplate, camera: &CameraModel, tray: &MountedTray) -> Self {
+    pub(super) fn new(template: &PoseTemplate, camera: &CameraModel, tray: &MountedTray, light: Light) -> Self {
         let plane_m = tray.plateau_height_m() + 0.5 * template.height_m;
         let m_per_px = camera.m_per_px(plane_m);
         let radius_m = template.outline_m.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max);
         let mut sought = Self {
             template: template.clone(),
+            light,
             plane_m,
             rings: Vec::new(),
             hollow_px: 0,
@@ -145,10 +144,13 @@ impl Sought {
         let mean = template.mean();
         let edge = |index: usize| {
             let (x, y) = gradient(&mean, template.side(), index);
-            (EDGE_MISS_PX * texels_per_px).powi(2) * (x * x + y * y)
+            (light.edge_miss_px() * texels_per_px).powi(2) * (x * x + y * y)
         };
         sought.edge_variance = (0..mean.len()).map(edge).collect();
-        sought.effects = modes::effects(template, &template.mean(), &sought.inside, &outside_px, texels_per_px);
+        sought.effects = match light {
+            Light::Taught => vec![[0.0; MODES]; mean.len()],
+            Light::Any => modes::effects(template, &mean, &sought.inside, &outside_px, texels_per_px),
+        };
         sought.texels = sought.within(RIM_PX * m_per_px);
         let all = sought.texels.len() as f32;
         thin(&mut sought.texels, FINE_POINTS_MAX);
@@ -255,7 +257,7 @@ impl Sought {
     pub(super) fn variance(&self, index: usize, beside_sigma: f32) -> f32 {
         let beside = (1.0 - self.inside[index]) * beside_sigma;
         self.template.deviation.values()[index].powi(2)
-            + MODEL_SIGMA * MODEL_SIGMA
+            + self.light.model_sigma().powi(2)
             + beside * beside
             + self.edge_variance[index]
     }
@@ -315,7 +317,8 @@ impl Sought {
         let means: Vec<f32> = rings.iter().map(|ring| ring.mean).collect();
         for (index, ring) in rings.iter_mut().enumerate() {
             let (inner, outer) = (index.saturating_sub(1), (index + 1).min(means.len() - 1));
-            ring.variance += (0.5 * RING_MISS_PX * (means[outer] - means[inner])).powi(2) + 2.0 * MODEL_SIGMA.powi(2);
+            ring.variance +=
+                (0.5 * RING_MISS_PX * (means[outer] - means[inner])).powi(2) + 2.0 * self.light.model_sigma().powi(2);
         }
         let total: f32 = rings.iter().map(|ring| ring.weight).sum();
         for ring in &mut rings {

@@ -99,25 +99,25 @@ impl Surround {
         self.cells.iter().copied().unzip()
     }
 
-    /// Whether something of this brightness at a point of the tray frame is what parts have round them, as far as
-    /// `tolerance` tells.
-    pub(super) fn explains(
+    /// How dark and how bright a point of the tray frame may be because a part lies so, by so many of the usual deviations:
+    /// (0, 0) beyond its reach.
+    pub(super) fn range(
         &self,
         view: &View,
         sought: &Sought,
         (centre, yaw_rad): (Point2<f64>, f64),
-        (point, level): (Point2<f64>, f32),
-        tolerance: f32,
-    ) -> bool {
+        point: Point2<f64>,
+        scatters: f32,
+    ) -> (f32, f32) {
         let from_centre = point - centre;
         let radius_m = from_centre.norm();
         let along = if radius_m > 0.0 { from_centre / radius_m } else { Vector2::x() };
         let beyond_px = (radius_m - exit_m(sought, along, yaw_rad)) / sought.m_per_px;
         if beyond_px >= DISTANCES as f64 {
-            return false;
+            return (0.0, 0.0);
         }
         if beyond_px <= BLURRED_PX {
-            return true;
+            return (f32::NEG_INFINITY, f32::INFINITY);
         }
         let on_platen_rad = along.y.atan2(along.x) + view.platen_from_tray.rotation.angle();
         let turns = (on_platen_rad / std::f64::consts::TAU).rem_euclid(1.0) * DIRECTIONS as f64;
@@ -127,11 +127,11 @@ impl Surround {
         for row in distance.saturating_sub(1)..(distance + 2).min(DISTANCES) {
             for column in [direction + DIRECTIONS - 1, direction, direction + 1] {
                 let (middle, scatter) = self.cells[row * DIRECTIONS + column % DIRECTIONS];
-                low = low.min(middle - scatter);
-                high = high.max(middle + scatter);
+                low = low.min(middle - scatters * scatter);
+                high = high.max(middle + scatters * scatter);
             }
         }
-        level >= low - tolerance && level <= high + tolerance
+        (low, high)
     }
 }
 

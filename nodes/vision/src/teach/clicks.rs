@@ -8,6 +8,7 @@ use nalgebra::{Isometry2, Point2, Vector2};
 
 use super::super::align::Fit;
 use super::super::detector::Detector;
+use super::super::modes::Light;
 use super::super::template::PartModel;
 use super::super::view::View;
 use super::exam::Exam;
@@ -112,7 +113,7 @@ pub fn fit_clicks(
     tray: &MountedTray,
     contrast_min_levels: f64,
 ) -> Result<Vec<FittedClick>, TeachError> {
-    let mut detector = Detector::new(camera, tray, model);
+    let mut detector = Detector::new(camera, tray, model, Light::Any);
     let mut fits = Vec::new();
     for (picture, shown) in pictures.iter().enumerate() {
         let fault = |source| TeachError::Frame { index: picture, source };

@@ -1,8 +1,9 @@
 //! What was learned, looked at with the pictures that it was learned from.
 
 use super::super::SelectorConfig;
-use super::super::candidate;
 use super::super::detector::{Detector, Found};
+use super::super::modes::Light;
+use super::super::sight::Sight;
 use super::super::surround::Samples;
 use super::super::template::PartModel;
 use super::super::template::RING_MISS_MAX;
@@ -47,7 +48,7 @@ impl Exam<'_> {
         model: &PartModel,
         mut each: impl FnMut(&Detector, &TeachFrame, &[Found]),
     ) -> Result<(), TeachError> {
-        let mut detector = Detector::new(self.camera, self.tray, model);
+        let mut detector = Detector::new(self.camera, self.tray, model, Light::Any);
         let (contrast, cost_max) = (self.spec.contrast_min_levels, single(SelectorConfig::default().miss_max));
         for (index, frame) in self.frames.iter().enumerate().filter(|(_, frame)| !frame.parts.is_empty()) {
             let found = detector
@@ -111,8 +112,11 @@ impl Exam<'_> {
         let contrast_min_levels = self.spec.contrast_min_levels;
         let config = SelectorConfig { contrast_min_levels, ..SelectorConfig::default() };
         let mut tally = vec![(0_usize, 0_usize, 0_usize); self.spec.poses.len()];
-        self.look(model, |detector, frame, found| {
-            let (candidates, _) = candidate::judge(detector, &detector.view(&frame.platen_from_tray), &config, found);
+        let mut sight = Sight::new(self.camera, self.tray, model);
+        for (index, frame) in self.frames.iter().enumerate().filter(|(_, frame)| !frame.parts.is_empty()) {
+            let (candidates, _) = sight
+                .look(frame.image, &frame.platen_from_tray, &config)
+                .map_err(|source| TeachError::Frame { index, source })?;
             for part in frame.parts {
                 let (shown, recognised, mistaken) = &mut tally[part.pose];
                 *shown += 1;
@@ -124,7 +128,7 @@ impl Exam<'_> {
                     None => {}
                 }
             }
-        })?;
+        }
         for (pose, (shown, recognised, mistaken)) in tally.into_iter().enumerate() {
             let shown_f64 = shown as f64;
             let unknown = (recognised as f64) < RECOGNISED_RATIO_MIN * shown_f64;

@@ -2,7 +2,7 @@
 
 use super::super::align::Fit;
 use super::super::detector::{Detector, yaw_difference_rad};
-use super::super::modes::MODES;
+use super::super::modes::{Light, MODES};
 use super::super::template::PartModel;
 use super::super::view::View;
 use super::{LaidPart, TeachError, TeachFrame, TeachSpec};
@@ -20,7 +20,7 @@ pub(super) fn fitted(
     tray: &MountedTray,
     spec: &TeachSpec,
 ) -> Result<Option<Vec<Vec<LaidPart>>>, TeachError> {
-    let mut detector = Detector::new(camera, tray, model);
+    let mut detector = Detector::new(camera, tray, model, Light::Any);
     let (mut square_px2, mut count) = (0.0, 0.0_f64);
     let mut fitted = Vec::with_capacity(laid.len());
     for (index, (frame, parts)) in frames.iter().zip(laid).enumerate() {

@@ -9,6 +9,7 @@ use image::GrayImage;
 use nalgebra::{Isometry2, Matrix3, Point2, Rotation2, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::modes::Light;
 use super::segment::{Plateau, PlateauSums, RADIAL_BINS, RELATIVE_UNITS, Segmentation, TaughtLight, hub_level};
 use super::template::{Aspect, PartModel, Plane, SIDE_MAX, period_rad, texel_place_m};
 use super::view::{RayTable, View};
@@ -252,7 +253,9 @@ impl Lesson<'_> {
         }
         let view = View { camera: self.camera, tray: self.tray, platen_from_tray: frame.platen_from_tray };
         let contrast = self.spec.contrast_min_levels;
-        self.segmentation.look(&view, &self.rays, frame.image, plateau, contrast, BLOB_PX_MIN).map_err(fault)
+        self.segmentation
+            .look(&view, &self.rays, frame.image, plateau, Light::Any, contrast, BLOB_PX_MIN)
+            .map_err(fault)
     }
 
     /// What the bare plateau looks like: as pictures without parts show it, or where there are none, as those with parts show

@@ -1,0 +1,140 @@
+//! Parts are fitted again by what the parts of a frame have in common: their light, and what their templates do not tell.
+
+use nalgebra::Point2;
+
+use super::super::align::{Belief, Fineness, Fit, Owners, refine, residuals, turned_share};
+use super::super::modes::{self, Amounts, LIGHT_MODES, Light};
+use super::super::sought::{FREE_SIGMA, SHADE_SIGMA};
+use super::super::view::View;
+use super::{Detector, Found};
+
+/// How far a part shades what lies beside it, in its height.
+const SHADE_HEIGHTS: f64 = 0.8;
+/// Mean square miss up to which a part counts among those that tell what the light of a frame is, and how much evidence it must
+/// have at least, of that of the middle one; how many there must be for that, and to add to the template what all show.
+const ALIKE_COST_MAX: f32 = 3.0;
+const ALIKE_EVIDENCE_RATIO: f32 = 0.5;
+const ALIKE_MIN: usize = 4;
+const ADAPTED_MIN: usize = 6;
+/// A part with less evidence than this, of that of the middle one, is none of them.
+const WEAK_RATIO: f32 = 0.3;
+/// A rival explanation that is led by less than this, per texel, is as good.
+const LEAD_MIN: f32 = 0.05;
+/// What parts under one light differ by among each other at least, in spreads of the modes; and a part alone from the one taught.
+const PART_SPREADS: Amounts = [0.3, 0.2, 0.12, 0.4, 1.0, 1.0, 0.5];
+const LONE_SPREADS: Amounts = [0.3, 0.3, 0.3, 0.3, 1.0, 1.0, 0.3];
+
+impl Detector {
+    /// What the parts of each pose have in common in this frame: light, lens, and what the template does not tell.
+    fn beliefs(&self, view: &View, found: &[Found]) -> Vec<Belief> {
+        let belief = |pose: usize| {
+            let sought = &self.sought[pose];
+            let of_pose = |part: &Found| part.pose == pose && part.fit.cost <= ALIKE_COST_MAX;
+            let mut evidences: Vec<f32> =
+                found.iter().filter(|part| of_pose(part)).map(|part| part.fit.evidence).collect();
+            let usual = median(&mut evidences);
+            let alike: Vec<(usize, &Found)> = found
+                .iter()
+                .enumerate()
+                .filter(|(_, part)| of_pose(part) && part.fit.evidence >= ALIKE_EVIDENCE_RATIO * usual)
+                .collect();
+            if alike.len() < ALIKE_MIN {
+                return Belief { spread: LONE_SPREADS, ..Belief::open() };
+            }
+            let middle: Amounts = std::array::from_fn(|mode| {
+                let mut amounts: Vec<f32> = alike.iter().map(|(_, part)| part.fit.amounts[mode]).collect();
+                median(&mut amounts)
+            });
+            let mut added = Vec::new();
+            if alike.len() >= ADAPTED_MIN {
+                let seen: Vec<Vec<Option<f32>>> = alike
+                    .iter()
+                    .filter_map(|(index, part)| {
+                        let own = u16::try_from(index + 1).unwrap_or(u16::MAX);
+                        let owners = Owners { of: &self.owners, own, beside_sigma: SHADE_SIGMA };
+                        residuals(&self.segmentation, view, sought, &part.fit, &owners)
+                    })
+                    .collect();
+                added.resize(sought.outside_m.len(), 0.0);
+                let mut levels = Vec::new();
+                for (place, texel) in sought.texels.iter().enumerate() {
+                    levels.clear();
+                    levels.extend(seen.iter().filter_map(|seen| seen[place]));
+                    if levels.len() >= ADAPTED_MIN {
+                        added[*texel] = median(&mut levels);
+                    }
+                }
+            }
+            let spread = std::array::from_fn(|mode| {
+                let mut aside: Vec<f32> =
+                    alike.iter().map(|(_, part)| (part.fit.amounts[mode] - middle[mode]).abs()).collect();
+                median(&mut aside).max(PART_SPREADS[mode])
+            });
+            Belief { middle, spread, added, evidence: usual }
+        };
+        (0..self.sought.len()).map(belief).collect()
+    }
+
+    /// Fits parts again from where they were found, by what they have in common: without what belongs to neighbours, and what
+    /// lies alone by what is seen beside it too.
+    pub(super) fn fit_again(&self, view: &View, found: &mut [Found]) {
+        let beliefs = match self.light {
+            Light::Taught => vec![Belief::open(); self.sought.len()],
+            Light::Any => self.beliefs(view, found),
+        };
+        let places: Vec<(Point2<f64>, f64)> =
+            found.iter().map(|part| (part.fit.centre, self.sought[part.pose].radius_m)).collect();
+        for (index, part) in found.iter_mut().enumerate() {
+            let sought = &self.sought[part.pose];
+            let (centre, radius_m) = places[index];
+            let shaded_m = |height_m: f64| SHADE_HEIGHTS * height_m + 3.0 * sought.m_per_px;
+            let close = |(other, (place, reach_m)): (usize, &(Point2<f64>, f64))| {
+                other != index && (place - centre).norm() < radius_m + reach_m + shaded_m(self.height_m_max)
+            };
+            let alone = !places.iter().enumerate().any(close);
+            let own = u16::try_from(index + 1).unwrap_or(u16::MAX);
+            let beside_sigma = if alone { FREE_SIGMA } else { SHADE_SIGMA };
+            let owners = Owners { of: &self.owners, own, beside_sigma };
+            let belief = &beliefs[part.pose];
+            if let Some(fit) = refine(&self.segmentation, view, sought, part.fit, &owners, belief, Fineness::Full) {
+                part.first_cost = part.fit.cost;
+                // In the light taught, what is seen beside tells where a part is, not what it is.
+                let told = if alone && self.light == Light::Taught { part.fit } else { fit };
+                part.fit = Fit { cost: told.cost, evidence: told.evidence, ..fit };
+                let texels = sought.texels.len() as f32 * sought.texel_weight;
+                part.evidence_per_texel = part.fit.evidence / texels;
+                if self.light == Light::Taught {
+                    continue;
+                }
+                if let Some((pose, rival)) = part.rival {
+                    let (sought, belief) = (&self.sought[pose], &beliefs[pose]);
+                    let rival = refine(&self.segmentation, view, sought, rival, &owners, belief, Fineness::Full);
+                    part.lead = rival.map_or(f32::INFINITY, |rival| (fit.evidence - rival.evidence) / texels);
+                }
+                part.turned = turned_share(&self.segmentation, view, sought, &fit, &owners, belief);
+                part.weak = fit.evidence < WEAK_RATIO * belief.evidence;
+                part.in_company = belief.evidence > 0.0;
+                let unlike = |mode: usize| ((fit.amounts[mode] - belief.middle[mode]) / belief.spread[mode]).abs();
+                part.unlike = (0..LIGHT_MODES).chain([modes::SCALE]).map(unlike).fold(0.0, f32::max);
+            }
+        }
+        for pose in 0..self.sought.len() {
+            let counts =
+                |part: &Found| part.pose == pose && part.in_company && part.fit.cost <= 1.0 && part.lead.is_finite();
+            let mut leads: Vec<f32> = found.iter().filter(|part| counts(part)).map(|part| part.lead).collect();
+            if leads.len() < ALIKE_MIN {
+                continue;
+            }
+            let usual = median(&mut leads).max(LEAD_MIN);
+            for part in found.iter_mut().filter(|part| part.pose == pose) {
+                part.lead_ratio = Some(part.lead / usual);
+            }
+        }
+    }
+}
+
+/// The middle of some values; 0 without any.
+fn median(values: &mut [f32]) -> f32 {
+    values.sort_by(f32::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
