@@ -96,6 +96,7 @@ pub(super) struct Segmentation {
 
 impl Segmentation {
     /// Looks at a frame.
+    #[expect(clippy::too_many_arguments, reason = "what is seen, by what, and what is known of it beforehand")]
     pub(super) fn look(
         &mut self,
         view: &View,
