@@ -1,8 +1,6 @@
-//! ROS 2 bags in MCAP files: the folder that rosbag2 writes and reads, with `metadata.yaml` beside the files.
+//! What bags are and what can be done with them, as on the front page of this crate:
 //!
-//! - [`BagWriter`] writes so that a crash or a full disk costs at most the last second; [`Bag`] reads, also what is
-//!   damaged.
-//! - [`cdr`] takes messages apart by the definitions that the bag itself carries, so no types need to be installed.
+#![doc = include_str!("../README.md")]
 
 pub mod cdr;
 pub mod check;

@@ -20,7 +20,7 @@ mod view;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
 
 /// A miniature mobile parts feeder. Without a subcommand the built-in scenario runs.
 #[derive(Debug, Parser)]
@@ -45,6 +45,13 @@ enum Command {
     Part(part::Args),
 }
 
+impl Command {
+    /// Whether nothing is lost when the reader of the output goes: `feeder part | head` ends quietly then.
+    const fn only_prints(&self) -> bool {
+        matches!(self, Self::Check(_) | Self::Teach(_) | Self::Look(_) | Self::Calibrate(_) | Self::Part(_))
+    }
+}
+
 /// Run one node of a scenario.
 #[derive(Debug, clap::Args)]
 struct NodeArgs {
@@ -56,10 +63,20 @@ struct NodeArgs {
     options: Vec<OsString>,
 }
 
+/// What the `feeder` command takes, for those who check or describe it.
+#[must_use]
+pub fn command_line() -> clap::Command {
+    Cli::command()
+}
+
 /// The command line: runs the subcommand asked for.
 #[must_use]
 pub fn main() -> ExitCode {
-    let outcome = match Cli::parse().command.unwrap_or_else(|| Command::Up(up::UpArgs::default())) {
+    let command = Cli::parse().command.unwrap_or_else(|| Command::Up(up::UpArgs::default()));
+    if command.only_prints() {
+        sigpipe::reset();
+    }
+    let outcome = match command {
         Command::Up(args) => {
             feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
             up::run(&args)

@@ -90,7 +90,9 @@ fn show(part: &PartType, spec: &PartSpec) {
         );
     }
     match &spec.drops {
-        None => println!("\nno drop data: `feeder part {} --drop` makes them; the estimate stands in", part.name),
+        None => {
+            println!("\nno drop data: `feeder-lab drop` makes them from the part or its file; the estimate stands in")
+        }
         Some(drops) => {
             println!(
                 "\nover the drop-off ({}, {} drops each from {} mm, seed {}), from row to column:",

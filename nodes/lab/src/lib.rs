@@ -17,7 +17,7 @@ mod vision;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
 
 /// Studies of the feeder: design, figures, experiments, scores.
 #[derive(Debug, Parser)]
@@ -49,9 +49,17 @@ enum Command {
     TrySuite(try_suite::Args),
 }
 
+/// What the `feeder-lab` command takes, for those who check or describe it.
+#[must_use]
+pub fn command_line() -> clap::Command {
+    Cli::command()
+}
+
 /// The command line: runs the study asked for.
 #[must_use]
 pub fn main() -> ExitCode {
+    // A study whose reader has seen enough ends quietly.
+    sigpipe::reset();
     let outcome = match Cli::parse().command {
         Command::Bulk(args) => bulk::run(&args),
         Command::ComparePlanners(args) => {
