@@ -38,34 +38,52 @@ impl Ports {
     }
 }
 
+/// When pictures are taken: at whole periods, also where time does not begin at 0.
+struct Schedule {
+    period_ns: u64,
+    /// Stamp of the next picture, ns.
+    next_ns: u64,
+}
+
+impl Schedule {
+    fn new(period_ns: u64) -> Self {
+        Self { period_ns, next_ns: period_ns }
+    }
+
+    /// Whether a picture is due at this stamp, which never goes back; if so, it is taken to be taken.
+    fn is_due(&mut self, stamp_ns: u64) -> bool {
+        let due = stamp_ns >= self.next_ns;
+        if due {
+            self.next_ns = (stamp_ns / self.period_ns + 1) * self.period_ns;
+        }
+        due
+    }
+}
+
 /// The camera.
 pub(crate) struct Camera {
     renderer: Renderer,
     model: CameraModel,
     tray: feeder_model::tray::TrayGeometry,
-    period_ns: u64,
+    schedule: Schedule,
     quality: u8,
     noise: Pcg64Mcg,
     image: GrayImage,
     frame: String,
-    /// Stamp of the next picture, ns.
-    next_ns: u64,
     views: Vec<PartView>,
 }
 
 impl Camera {
     pub(crate) fn open(config: &PartSimulatorConfig, part: &PartType) -> Result<Self, NodeError> {
-        let period_ns = config.camera.period_ms * 1_000_000;
         Ok(Self {
             renderer: Renderer::new(&config.camera.scene(config.tray, part)).map_err(NodeError::new)?,
             model: config.camera.model.clone(),
             tray: config.tray.geometry,
-            period_ns,
+            schedule: Schedule::new(config.camera.period_ms * 1_000_000),
             quality: config.camera.jpeg_quality,
             noise: generator(config.seed, "camera"),
             image: GrayImage::default(),
             frame: frames::camera(&config.feeder),
-            next_ns: period_ns,
             views: Vec::new(),
         })
     }
@@ -82,10 +100,9 @@ impl Camera {
         if io.tick() == 0 {
             io.publish(&ports.tf_static, &self.mounting());
         }
-        if stamp_ns < self.next_ns {
+        if !self.schedule.is_due(stamp_ns) {
             return Ok(());
         }
-        self.next_ns += self.period_ns;
         self.views.clear();
         self.views.extend(bulk.parts().iter().filter_map(|part| view(part, &self.tray)));
         self.renderer.render(shot, &self.views, &mut self.noise, &mut self.image).map_err(NodeError::new)?;
@@ -123,4 +140,28 @@ fn view(part: &Part, tray: &feeder_model::tray::TrayGeometry) -> Option<PartView
         vx_m_s: part.velocity_x_m_s,
         vy_m_s: part.velocity_y_m_s,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Schedule;
+
+    /// Stamps of the pictures taken in a second of ticks of 10 ms.
+    fn taken_ms(start_ms: u64, period_ms: u64) -> Vec<u64> {
+        let mut schedule = Schedule::new(period_ms * 1_000_000);
+        (0..100).map(|tick| start_ms + 10 * tick).filter(|ms| schedule.is_due(ms * 1_000_000)).collect()
+    }
+
+    #[test]
+    fn pictures_are_a_period_apart_whenever_time_begins() {
+        let simulated: Vec<u64> = (1..10).map(|picture| 100 * picture).collect();
+        assert_eq!(taken_ms(0, 100), simulated);
+        let now_ms = 1_800_000_000_000;
+        assert_eq!(taken_ms(now_ms, 100), (0..10).map(|picture| now_ms + 100 * picture).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_period_that_is_no_whole_number_of_ticks_is_kept_on_average() {
+        assert_eq!(taken_ms(0, 25)[..4], [30, 50, 80, 100]);
+    }
 }
