@@ -346,6 +346,8 @@ fn bad_options_are_refused_with_value_and_range() {
         ("--domain 233", ["--domain", "233", "232"]),
         ("--seed -1", ["--seed", "-1", "invalid"]),
         ("--scenrio x", ["--scenrio", "--scenario", "unexpected"]),
+        ("--summary nowhere/s.json", ["nowhere/s.json", "no such folder", "error"]),
+        ("--digest nowhere/d.txt", ["nowhere/d.txt", "no such folder", "error"]),
     ] {
         let arguments = std::iter::once("up").chain(options.split(' '));
         assert_refused(options, &output(arguments), &said);

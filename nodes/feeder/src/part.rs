@@ -91,7 +91,7 @@ fn show(part: &PartType, spec: &PartSpec) {
     }
     match &spec.drops {
         None => {
-            println!("\nno drop data: `feeder-lab drop` makes them from the part or its file; the estimate stands in")
+            println!("\nno drop data: `feeder-lab drop` makes them from the part or its file; the estimate stands in");
         }
         Some(drops) => {
             println!(

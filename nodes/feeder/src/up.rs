@@ -110,6 +110,13 @@ pub(crate) fn run_plan(plan: &RunPlan, args: &UpArgs) -> anyhow::Result<()> {
     outcome
 }
 
+/// Refuses before the run what could not be written after it.
+fn refuse_lost(file: &Path) -> anyhow::Result<()> {
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+    anyhow::ensure!(folder.is_none_or(Path::is_dir), "{}: there is no such folder to write it to", file.display());
+    Ok(())
+}
+
 /// A flag that is set when the user wants the run to end.
 pub fn stop_on_signals() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
@@ -136,6 +143,9 @@ pub struct Ended {
 /// A domain that is taken, nodes that cannot be connected or started.
 pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow::Result<Ended> {
     let started = Instant::now();
+    for file in [&args.summary, &args.digest].into_iter().flatten() {
+        refuse_lost(file)?;
+    }
     let domain = domain(args)?;
     let participant = Participant::open(&domain, &NodeName::new("/", "feeder_up")?)?;
     refuse_busy_domain(&participant, &domain, plan, stop)?;
