@@ -153,11 +153,9 @@ fn section(schema: &Value) -> String {
             let meaning = cell(schema["description"].as_str().unwrap_or_default());
             let kind = &schema["properties"]["kind"]["const"];
             match kind.as_str() {
-                Some(kind) => section += &format!("`kind: {kind}`: {meaning}\n\n{}", table_of_keys(schema)),
-                None => {
-                    section +=
-                        &format!("- {}{}{meaning}\n", self::kind(schema), if meaning.is_empty() { "" } else { ": " })
-                }
+                Some(name) => write!(section, "`kind: {name}`: {meaning}\n\n{}", table_of_keys(schema)).unwrap(),
+                None if meaning.is_empty() => writeln!(section, "- {}", self::kind(schema)).unwrap(),
+                None => writeln!(section, "- {}: {meaning}", self::kind(schema)).unwrap(),
             }
         }
     }

@@ -154,6 +154,10 @@ impl Reception {
             .collect();
         {
             let mut merge = streams.lock();
+            // Who closed meanwhile could not know of this stream.
+            if merge.closed {
+                return Err(io::Error::other(format!("{} came when the recorder had gone", hello.node)));
+            }
             merge.sources[at].stream = Some(stream.try_clone()?);
             merge.ready.extend(wanted.iter().map(|(_, topic)| RunEvent::Topic(topic.clone())));
         }
