@@ -26,6 +26,8 @@ const BURST: f64 = 40.0;
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Between two questions whether the viewer is still there.
 const PING_PERIOD: Duration = Duration::from_secs(5);
+/// Messages that may still come from a viewer that was sent away.
+const LATE_MAX: usize = 1000;
 /// Controls of a viewer that may be under way at a time.
 const CONTROLS_MAX: usize = 8;
 
@@ -88,19 +90,17 @@ pub(crate) async fn converse(socket: WebSocket, shared: Arc<Shared>, viewer: Vie
     let mut conversation =
         Conversation { socket, shared, viewer, subscription: Subscription::default(), replies: JoinSet::new() };
     let end = conversation.run(left).await;
-    let (code, reason) = match end {
-        End::Gone => return,
-        End::Leaving => (close_code::AWAY, "the run has ended".to_owned()),
+    match end {
+        End::Gone => {}
+        End::Leaving => conversation.farewell(close_code::AWAY, "the run has ended".to_owned()).await,
         End::Broken(code, reason) => {
             conversation.shared.turned_away.count("a viewer was sent away", &reason);
             let error = json!({ "type": "error", "message": reason }).to_string();
-            let _ = timeout(PATIENCE, conversation.socket.send(Message::Text(error.into()))).await;
-            (code, reason)
+            let _ = conversation.send(Message::Text(error.into())).await;
+            conversation.farewell(code, reason).await;
+            conversation.hear_out().await;
         }
-    };
-    // Whoever does not take the farewell has gone already.
-    let farewell = Message::Close(Some(CloseFrame { code, reason: reason.into() }));
-    let _ = timeout(PATIENCE, conversation.socket.send(farewell)).await;
+    }
 }
 
 struct Conversation {
@@ -228,6 +228,24 @@ impl Conversation {
             Ok(Ok(())) => Ok(()),
             _ => Err(()),
         }
+    }
+
+    async fn farewell(&mut self, code: u16, reason: String) {
+        // Whoever does not take it has gone already.
+        let _ = self.send(Message::Close(Some(CloseFrame { code, reason: reason.into() }))).await;
+    }
+
+    /// Reads, without regard, what the viewer says until it has taken the farewell. A connection closed over bytes not
+    /// read is reset, and the viewer might never see why it was sent away.
+    async fn hear_out(&mut self) {
+        let _ = timeout(PATIENCE, async {
+            for _ in 0..LATE_MAX {
+                if !matches!(self.socket.recv().await, Some(Ok(_))) {
+                    break;
+                }
+            }
+        })
+        .await;
     }
 
     /// Takes in what the viewer says; true when it wants to see something else from now on.
