@@ -19,8 +19,9 @@ use crate::guard::{Guard, Refusal};
 use crate::pump::Pump;
 use crate::{DEFAULT_PORT, Place, Shared, ViewError, clockwork, socket};
 
-/// Largest message of a viewer, bytes.
-const MESSAGE_BYTES_MAX: usize = 16 * 1024;
+/// What is read of a message at most, bytes. One longer than a viewer may send is read to its end up to here, so that
+/// the viewer hears why it is sent away: a connection closed over unread bytes is reset.
+const READ_BYTES_MAX: usize = 256 * 1024;
 /// What a viewer may leave unread before it is left alone, bytes: some frames.
 const WRITE_BUFFER_BYTES_MAX: usize = 4 * 1024 * 1024;
 /// How long viewers may take to hear that the server leaves.
@@ -171,8 +172,8 @@ async fn enter(
     let Some(viewer) = shared.viewers.enter() else { return door.refuse(Refusal::TooManyViewers) };
     let (shared, left) = (Arc::clone(shared), left.clone());
     upgrade
-        .max_message_size(MESSAGE_BYTES_MAX)
-        .max_frame_size(MESSAGE_BYTES_MAX)
+        .max_message_size(READ_BYTES_MAX)
+        .max_frame_size(READ_BYTES_MAX)
         .max_write_buffer_size(WRITE_BUFFER_BYTES_MAX)
         .on_upgrade(move |socket| socket::converse(socket, shared, viewer, left))
 }

@@ -19,6 +19,8 @@ use crate::controls::{in_words, perform, reply};
 use crate::events::{Event, Level};
 use crate::viewers::{Channel, Subscription, Viewer};
 
+/// Largest message of a viewer, bytes.
+const MESSAGE_BYTES_MAX: usize = 16 * 1024;
 /// Messages a second that a viewer may send, and how many at once.
 const RATE_PER_S: f64 = 20.0;
 const BURST: f64 = 40.0;
@@ -161,10 +163,8 @@ impl Conversation {
                 () = told_to_leave(&mut left) => return End::Leaving,
                 text = newest(&mut hello, true) => self.text(text).await,
                 message = self.socket.recv() => match message {
-                    None | Some(Err(_)) if unanswered > 0 => return End::Gone,
-                    None => return End::Gone,
-                    Some(Err(error)) => return broken(&error),
-                    Some(Ok(Message::Close(_))) => return End::Gone,
+                    // It has closed the connection, or what comes makes no sense.
+                    None | Some(Err(_) | Ok(Message::Close(_))) => return End::Gone,
                     Some(Ok(Message::Pong(_))) => { unanswered = 0; Ok(()) }
                     Some(Ok(message)) => {
                         if !allowance.take(Instant::now()) {
@@ -174,7 +174,7 @@ impl Conversation {
                         match self.hear(&message) {
                             Ok(true) => { ((motion, waveform, picture), servo) = of(self.subscription.feeder); Ok(()) }
                             Ok(false) => Ok(()),
-                            Err(reason) => return End::Broken(close_code::POLICY, reason),
+                            Err((code, reason)) => return End::Broken(code, reason),
                         }
                     }
                 },
@@ -248,18 +248,22 @@ impl Conversation {
         .await;
     }
 
-    /// Takes in what the viewer says; true when it wants to see something else from now on.
-    fn hear(&mut self, message: &Message) -> Result<bool, String> {
-        let Message::Text(text) = message else {
-            return if matches!(message, Message::Ping(_)) {
-                Ok(false)
-            } else {
-                Err("a message that is not text".to_owned())
-            };
+    /// Takes in what the viewer says; true when it wants to see something else from now on. What breaks the rules ends
+    /// the conversation, with a close code and the reason.
+    fn hear(&mut self, message: &Message) -> Result<bool, (u16, String)> {
+        let text = match message {
+            Message::Text(text) if text.len() > MESSAGE_BYTES_MAX => {
+                let reason = format!("a message of {} bytes, allowed are {MESSAGE_BYTES_MAX}", text.len());
+                return Err((close_code::SIZE, reason));
+            }
+            Message::Text(text) => text,
+            Message::Ping(_) => return Ok(false),
+            _ => return Err((close_code::POLICY, "a message that is not text".to_owned())),
         };
-        match serde_json::from_str(text).map_err(|error| format!("a message that cannot be read: {error}"))? {
+        let said = serde_json::from_str(text);
+        match said.map_err(|error| (close_code::POLICY, format!("a message that cannot be read: {error}")))? {
             Said::Subscribe { channels, feeder } => {
-                let feeder = self.feeder(feeder)?;
+                let feeder = self.feeder(feeder).map_err(|reason| (close_code::POLICY, reason))?;
                 self.subscription = Subscription { channels, feeder };
                 self.viewer.subscribe(self.subscription.clone());
                 Ok(true)
@@ -314,14 +318,4 @@ impl Conversation {
         });
         Ok(())
     }
-}
-
-/// The end of a conversation whose bytes make no sense.
-fn broken(error: &axum::Error) -> End {
-    let text = error.to_string();
-    // What the library says of a message beyond the limit; a connection that broke off says something else.
-    if text.contains("too long") || text.contains("too large") {
-        return End::Broken(close_code::SIZE, text);
-    }
-    End::Gone
 }

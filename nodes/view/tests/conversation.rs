@@ -183,8 +183,9 @@ fn a_message_beyond_the_limit_ends_the_conversation() {
     let view = start(&settings(&domain, "0"));
     let mut bad = viewer(&view);
     bad.send(Message::text("x".repeat(17 * 1024))).unwrap();
-    let (code, _) = end(&mut bad);
+    let (code, told) = end(&mut bad);
     assert_eq!(code, CloseCode::Size);
+    assert!(told.contains("17408 bytes, allowed are 16384"), "{told}");
     next(&mut viewer(&view), "hello");
 }
 
