@@ -2,7 +2,7 @@
 
 use std::{env, error::Error, fs, path::Path, process::ExitCode};
 
-use minifactory_msggen::{Catalogue, DefinitionFile, emit};
+use ros2_msggen::{Catalogue, DefinitionFile, emit};
 
 const PACKAGE: &str = "minifactory_msgs";
 

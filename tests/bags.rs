@@ -7,8 +7,6 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use feeder_bags::check::{Severity, check};
-use feeder_bags::{Bag, Query, Seconds};
 use feeder_runtime::cdr;
 use feeder_runtime::dds::{NodeName, Participant, Qos};
 use feeder_runtime::testing::TestDomain;
@@ -17,6 +15,8 @@ use minifactory_msgs::rosbag2_interfaces::srv::{PlayNext, PlayNextRequest, Resum
 use minifactory_msgs::std_msgs::msg::String as Text;
 use minifactory_msgs::{Message as _, stamp_of_ns};
 use rand::RngExt as _;
+use ros2_bags::check::{Severity, check};
+use ros2_bags::{Bag, Query, Seconds};
 use rustix::process::Signal;
 
 use crate::common::{FEEDER, Process, Up, bag_reader, feeder, output, python, wait_for};
@@ -275,7 +275,7 @@ fn bags_of_other_writers_are_checked_and_played() {
         let expected = BTreeMap::from([("/text".to_owned(), COUNT as u64), (other_topic.to_owned(), COUNT as u64)]);
         assert_eq!(counts(&bag), expected, "{name}");
         let other_type = &bag.topics().iter().find(|topic| topic.name == other_topic).unwrap().ros_type;
-        let types = [("/text", Text::INFO.dds_type()), (other_topic, feeder_bags::dds_type(other_type).unwrap())];
+        let types = [("/text", Text::INFO.dds_type()), (other_topic, ros2_bags::dds_type(other_type).unwrap())];
 
         let domain = TestDomain::claim();
         let listener = Participant::open(&domain, &NodeName::new("/", "listener").unwrap()).unwrap();

@@ -11,9 +11,9 @@ use crate::common::output;
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 /// What the rooms under the nodes may use of ours; every other package but the tops is a node.
 const LIBRARIES: &[(&str, &[&str])] = &[
-    ("minifactory_msggen", &[]),
-    ("minifactory_msgs", &["minifactory_msggen"]),
-    ("feeder_bags", &["minifactory_msggen", "minifactory_msgs"]),
+    ("ros2_msggen", &[]),
+    ("minifactory_msgs", &["ros2_msggen"]),
+    ("ros2_bags", &["ros2_msggen"]),
     ("feeder_model", &[]),
     ("feeder_control", &["feeder_model"]),
     ("feeder_vision", &["feeder_model"]),
@@ -21,7 +21,7 @@ const LIBRARIES: &[(&str, &[&str])] = &[
     ("feeder_scenario", &["feeder_model", "feeder_control", "feeder_vision", "feeder_sim"]),
     ("feeder_wire", &["feeder_model", "minifactory_msgs"]),
     ("feeder_runtime", &["minifactory_msgs"]),
-    ("feeder_bag_transport", &["feeder_bags", "feeder_runtime", "minifactory_msgs"]),
+    ("feeder_bag_transport", &["ros2_bags", "feeder_runtime", "minifactory_msgs"]),
     (
         "feeder_view",
         &["feeder_model", "feeder_control", "feeder_scenario", "feeder_wire", "feeder_runtime", "minifactory_msgs"],
@@ -142,6 +142,62 @@ fn the_command_does_not_pay_for_the_laboratory() {
     for heavy in ["feeder_lab", "rapier3d-f64", "plotters", "argmin", "rsruckig"] {
         assert!(!linked.contains(heavy), "the command links {heavy}");
     }
+}
+
+/// Crates that are of use without the feeder.
+const ALONE: &[&str] = &["ros2_msggen", "ros2_bags", "feeder_model"];
+
+fn cargo_package(arguments: &[&str]) -> (String, String) {
+    let common = ["package", "--allow-dirty", "--offline", "--locked"];
+    let output = Command::new(env!("CARGO")).args(common).args(arguments).current_dir(ROOT).output().unwrap();
+    let [told, said] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
+    assert!(output.status.success(), "{arguments:?}: {said}");
+    (told, said)
+}
+
+#[test]
+fn crates_that_others_can_take_carry_what_they_need() {
+    let packages = metadata();
+    let ours: BTreeSet<String> = packages.iter().map(|package| text(&package["name"])).collect();
+    for package in packages.iter().filter(|package| ALONE.contains(&package["name"].as_str().unwrap())) {
+        let (name, folder) = (text(&package["name"]), Path::new(ROOT).join(folder(package)));
+        let (listed, _) = cargo_package(&["--list", "--package", &name]);
+        let listed: BTreeSet<&str> = listed.lines().collect();
+        for needed in ["README.md", "LICENSE", "src/lib.rs"] {
+            assert!(listed.contains(needed), "{name} is packed without {needed}");
+        }
+        assert!(listed.iter().any(|file| file.starts_with("examples/")), "{name} is packed without an example");
+        let readme = std::fs::read_to_string(folder.join("README.md")).unwrap();
+        for link in readme.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            assert!(
+                link.contains("://") || listed.contains(link),
+                "{name}: its front page leads to {link}, which is not packed"
+            );
+        }
+        for picture in listed.iter().filter_map(|file| file.strip_prefix("pictures/")) {
+            let [packed, drawn] = [folder.join("pictures"), Path::new(ROOT).join("docs/pictures/concepts")]
+                .map(|folder| std::fs::read(folder.join(picture)).unwrap());
+            assert!(packed == drawn, "{name}: {picture} is not the one of the book");
+        }
+        for used in package["dependencies"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|used| ours.contains(used["name"].as_str().unwrap()))
+        {
+            let (used_name, is_needed) = (text(&used["name"]), used["kind"] != "dev");
+            // What tests alone need has no version, and cargo leaves it out of the package.
+            let is_fit = if is_needed { ALONE.contains(&used_name.as_str()) } else { used["req"] == "*" };
+            assert!(is_fit, "{name} cannot be taken without {used_name}");
+        }
+    }
+    let together: Vec<&str> = ALONE.iter().flat_map(|name| ["--package", name]).collect();
+    let (_, said) = cargo_package(&[&["--no-verify"], &*together].concat());
+    // Where they are published nobody has said, and tests that need the workspace stay behind.
+    let meant = ["documentation, homepage or repository", "is not included in the published package"];
+    let is_meant = |line: &&str| meant.iter().any(|end| line.ends_with(end));
+    let warnings = said.lines().filter(|line| line.starts_with("warning") && !is_meant(line));
+    assert_eq!(warnings.collect::<Vec<_>>(), Vec::<&str>::new());
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Writes one broken bag of each kind to a folder: `cargo run -p feeder_bags --example broken -- bags/golden/broken`.
+//! Writes one broken bag of each kind to a folder: `cargo run -p ros2_bags --example broken -- bags/golden/broken`.
 //!
 //! Each begins as a good bag of 200 texts and 200 joint states, a millisecond apart, in chunks of 100 messages.
 
@@ -8,12 +8,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use feeder_bags::Definitions;
-use feeder_bags::metadata::Metadata;
 use feeder_runtime::cdr;
 use mcap::records::MessageHeader;
+use minifactory_msgs::TYPES;
 use minifactory_msgs::sensor_msgs::msg::JointState;
 use minifactory_msgs::std_msgs::msg::String as Text;
+use ros2_bags::metadata::Metadata;
+use ros2_bags::{Definition, Definitions};
 
 const COUNT: u64 = 200;
 const STEP_NS: u64 = 1_000_000;
@@ -66,10 +67,8 @@ fn write_all(folder: &Path) -> Outcome<()> {
         fs::create_dir_all(&folder)?;
         fs::write(folder.join(format!("{name}_0.mcap")), &good)?;
         if let Some(version) = version {
-            let file = |number| feeder_bags::metadata::FileInfo {
-                path: format!("{name}_{number}.mcap"),
-                ..Default::default()
-            };
+            let file =
+                |number| ros2_bags::metadata::FileInfo { path: format!("{name}_{number}.mcap"), ..Default::default() };
             let metadata = Metadata { version, files: (0..files).map(file).collect(), ..Metadata::default() };
             fs::write(folder.join("metadata.yaml"), metadata.to_yaml()?)?;
         }
@@ -82,7 +81,12 @@ fn bag(profile: &str, second_type: &str) -> Outcome<Vec<u8>> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     let options = mcap::WriteOptions::new().profile(profile).library("examples/broken.rs").chunk_size(None);
     let mut writer = options.compression_threads(0).create(&mut bytes)?;
-    let definitions = Definitions::new(Vec::new());
+    let known = TYPES.iter().map(|info| Definition {
+        ros_type: info.ros_type(),
+        text: info.definition.to_owned(),
+        type_hash: info.type_hash.to_owned(),
+    });
+    let definitions = Definitions::new(Vec::new()).with_known(known);
     let mut channel = |topic: &str, ros_type: &str| -> Outcome<u16> {
         let definition = definitions.look_up(ros_type)?.ok_or("no definition")?;
         let schema = writer.add_schema(ros_type, "ros2msg", definition.text.as_bytes())?;

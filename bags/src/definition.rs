@@ -1,10 +1,9 @@
-//! Where definitions of types come from: this project's own messages, and the packages on `AMENT_PREFIX_PATH`.
+//! Where definitions of types come from: what the program knows itself, and the packages on `AMENT_PREFIX_PATH`.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use minifactory_msggen::{Catalogue, DefinitionFile, Error, PackageFolder, Problem, TypeName};
-use minifactory_msgs::{Message, MessageVisitor, TypeInfo, visit_messages};
+use ros2_msggen::{Catalogue, DefinitionFile, Error, PackageFolder, Problem, TypeName};
 
 /// The variable that names where ROS packages are installed, with colons between.
 const AMENT_PREFIX_PATH: &str = "AMENT_PREFIX_PATH";
@@ -21,9 +20,22 @@ pub struct Definition {
 }
 
 /// Looks definitions up.
+///
+/// ```
+/// use ros2_bags::{Definition, Definitions};
+///
+/// let number = Definition {
+///     ros_type: "demo_msgs/msg/Number".to_owned(),
+///     text: "uint32 data\n".to_owned(),
+///     type_hash: String::new(),
+/// };
+/// let definitions = Definitions::from_env().with_known([number.clone()]);
+/// assert_eq!(definitions.look_up("demo_msgs/msg/Number"), Ok(Some(number)));
+/// assert_eq!(definitions.look_up("demo_msgs/msg/Nothing"), Ok(None));
+/// ```
 #[derive(Debug, Clone)]
 pub struct Definitions {
-    built_in: BTreeMap<String, TypeInfo>,
+    known: BTreeMap<String, Definition>,
     prefixes: Vec<PathBuf>,
 }
 
@@ -38,15 +50,14 @@ impl Definitions {
     /// With the packages installed under these prefixes.
     #[must_use]
     pub fn new(prefixes: Vec<PathBuf>) -> Self {
-        struct Collect(BTreeMap<String, TypeInfo>);
-        impl MessageVisitor for Collect {
-            fn visit<M: Message>(&mut self) {
-                self.0.insert(M::INFO.ros_type(), M::INFO);
-            }
-        }
-        let mut collect = Collect(BTreeMap::new());
-        visit_messages(&mut collect);
-        Self { built_in: collect.0, prefixes }
+        Self { known: BTreeMap::new(), prefixes }
+    }
+
+    /// With these as well: types that the program was built with. They come before those of installed packages.
+    #[must_use]
+    pub fn with_known(mut self, definitions: impl IntoIterator<Item = Definition>) -> Self {
+        self.known.extend(definitions.into_iter().map(|definition| (definition.ros_type.clone(), definition)));
+        self
     }
 
     /// The definition of `ros_type`, if it is known.
@@ -54,9 +65,8 @@ impl Definitions {
     /// # Errors
     /// Why a definition that is there cannot be used.
     pub fn look_up(&self, ros_type: &str) -> Result<Option<Definition>, String> {
-        if let Some(info) = self.built_in.get(ros_type) {
-            let (text, type_hash) = (info.definition.to_owned(), info.type_hash.to_owned());
-            return Ok(Some(Definition { ros_type: ros_type.to_owned(), text, type_hash }));
+        if let Some(known) = self.known.get(ros_type) {
+            return Ok(Some(known.clone()));
         }
         let Some(name) = parse_type(ros_type) else { return Ok(None) };
         let Some(first) = self.source(&name)? else { return Ok(None) };
@@ -80,7 +90,7 @@ impl Definitions {
         }
     }
 
-    /// The file that defines `name`, from the first prefix that has it; the project's own text where none has.
+    /// The file that defines `name`, from the first prefix that has it; the known text where none has.
     fn source(&self, name: &TypeName) -> Result<Option<DefinitionFile>, String> {
         let namespace = name.namespace.as_str();
         // What ROS derives from a service or action stands in the file of that.
@@ -98,13 +108,13 @@ impl Definitions {
                 Err(error) => return Err(format!("{}: {error}", file.display())),
             }
         }
-        let known = self.built_in.get(&name.to_string()).filter(|_| name.namespace == PackageFolder::Msg);
-        Ok(known.map(|info| DefinitionFile {
+        let known = self.known.get(&name.to_string()).filter(|_| name.namespace == PackageFolder::Msg);
+        Ok(known.map(|known| DefinitionFile {
             package: name.package.clone(),
             namespace: PackageFolder::Msg,
             name: name.name.clone(),
             file: PathBuf::from(name.to_string()),
-            text: info.definition.split("=".repeat(80).as_str()).next().unwrap_or_default().to_owned(),
+            text: known.text.split("=".repeat(80).as_str()).next().unwrap_or_default().to_owned(),
         }))
     }
 }
@@ -162,10 +172,18 @@ mod tests {
     }
 
     #[test]
-    fn own_types_are_known_and_others_come_from_where_packages_are_installed() {
-        let own = Definitions::new(Vec::new()).look_up("std_msgs/msg/String").unwrap().unwrap();
-        assert_eq!(own.type_hash, "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18");
-
+    fn some_types_are_known_and_others_come_from_where_packages_are_installed() {
+        let rule = "=".repeat(80);
+        let header = Definition {
+            ros_type: "std_msgs/msg/Header".to_owned(),
+            text: format!("builtin_interfaces/Time stamp\n{rule}\nMSG: builtin_interfaces/Time\nint32 sec\n"),
+            type_hash: "RIHS01_0".to_owned(),
+        };
+        let time = Definition {
+            ros_type: "builtin_interfaces/msg/Time".to_owned(),
+            text: "int32 sec\n".to_owned(),
+            type_hash: "RIHS01_1".to_owned(),
+        };
         let prefix = tempfile::tempdir().unwrap();
         let folder = prefix.path().join("share/other_msgs/msg");
         std::fs::create_dir_all(&folder).unwrap();
@@ -173,6 +191,8 @@ mod tests {
         std::fs::write(folder.join("Inner.msg"), "float64 value_m\n").unwrap();
         std::fs::write(folder.join("Broken.msg"), "Missing x\n").unwrap();
         let definitions = Definitions::new(vec![prefix.path().join("nowhere"), prefix.path().to_owned()]);
+        let definitions = definitions.with_known([header.clone(), time]);
+        assert_eq!(definitions.look_up("std_msgs/msg/Header").unwrap(), Some(header));
         let outer = definitions.look_up("other_msgs/msg/Outer").unwrap().unwrap();
         for part in ["MSG: other_msgs/Inner", "MSG: std_msgs/Header", "MSG: builtin_interfaces/Time", "value_m"] {
             assert!(outer.text.contains(part), "{}", outer.text);

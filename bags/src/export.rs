@@ -1,4 +1,4 @@
-//! The numbers of a bag as tables (CSV): one file for each topic, one row for each message, one column for each number.
+//! The numbers and texts of a bag as tables (CSV): one file for each topic, one row for each message, one column for each number and text.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ pub struct Exported {
 
 /// Writes the topics of `selection` to files in `folder`, named after the topics with dots for slashes. The first columns
 /// are the time in the bag and the time of publication, ns; the others are named by field, as `position[0]`. Sequences get
-/// as many columns as the longest has elements; cells of shorter ones are empty. Texts and raw bytes are left out.
+/// as many columns as the longest has elements; cells of shorter ones are empty. Raw bytes are left out.
 ///
 /// # Errors
 /// When a file cannot be written. What is wrong with a topic is in the result.
@@ -50,7 +50,7 @@ fn columns(bag: &Bag, index: usize, topic: &Topic) -> Result<(MessageType, Colum
     let mut columns = Columns::new();
     for message in bag.messages(&Query::topic(index)).filter_map(Result::ok) {
         let walked = ty.walk(&message.data, &mut |path, leaf| {
-            if leaf.number().is_some() && !columns.contains_key(path) && columns.len() <= COLUMNS_MAX {
+            if !matches!(leaf, Leaf::Bytes(_)) && !columns.contains_key(path) && columns.len() <= COLUMNS_MAX {
                 columns.insert(path.to_owned(), columns.len());
             }
         });
@@ -59,7 +59,7 @@ fn columns(bag: &Bag, index: usize, topic: &Topic) -> Result<(MessageType, Colum
             return Err(format!("its messages need more than {COLUMNS_MAX} columns"));
         }
     }
-    if columns.is_empty() { Err("it has no numbers".to_owned()) } else { Ok((ty, columns)) }
+    if columns.is_empty() { Err("it has neither numbers nor texts".to_owned()) } else { Ok((ty, columns)) }
 }
 
 fn write(
@@ -98,12 +98,13 @@ fn write(
     Ok((path, rows))
 }
 
-/// A number with as many digits as it takes to read it back.
+/// A text as it is, and a number with as many digits as it takes to read it back.
 fn exactly(leaf: Leaf<'_>) -> String {
     match leaf {
         Leaf::Float32(value) => format!("{value:?}"),
         Leaf::Float64(value) => format!("{value:?}"),
         Leaf::Bool(value) => u8::from(value).to_string(),
+        Leaf::Text(text) => text.to_owned(),
         other => other.to_string(),
     }
 }

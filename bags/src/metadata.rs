@@ -95,7 +95,8 @@ impl Metadata {
             return Err(format!("version {version} is newer than {NEWEST_METADATA}, the newest that can be read"));
         }
         if yaml.storage_identifier != "mcap" {
-            return Err(format!("storage {:?} cannot be read, only \"mcap\"", yaml.storage_identifier));
+            let reason = "cannot be read, only \"mcap\"; ros2 bag convert makes one of the other";
+            return Err(format!("storage {:?} {reason}", yaml.storage_identifier));
         }
         if !yaml.compression_mode.is_empty() && !yaml.compression_mode.eq_ignore_ascii_case("none") {
             let mode = yaml.compression_mode;
@@ -322,7 +323,7 @@ mod tests {
         let good = metadata(Distribution::Jazzy).to_yaml().unwrap();
         for (from, to, reason) in [
             ("version: 9", "version: 10", "version 10"),
-            ("storage_identifier: mcap", "storage_identifier: sqlite3", "sqlite3"),
+            ("storage_identifier: mcap", "storage_identifier: sqlite3", "ros2 bag convert"),
             ("rosbag2_bagfile_information", "something_else", "rosbag2_bagfile_information"),
             ("reliability: reliable", "reliability: perhaps", "perhaps"),
             ("version: 9", "version: many", "many"),

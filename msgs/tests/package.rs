@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeSet, fs, path::Path};
 
-use minifactory_msggen::{Arity, Catalogue, DefinitionFile, Element, Role};
+use ros2_msggen::{Arity, Catalogue, DefinitionFile, Element, Role};
 
 const PACKAGE: &str = "minifactory_msgs";
 

@@ -3,8 +3,8 @@
 
 #![no_main]
 
-use feeder_bags::recover::recover;
-use feeder_bags::{Bag, WriteSettings};
+use ros2_bags::recover::recover;
+use ros2_bags::{Bag, WriteSettings};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
@@ -14,7 +14,7 @@ fuzz_target!(|bytes: &[u8]| {
         return;
     }
     if let Ok(bag) = Bag::open(&file) {
-        let _ = feeder_bags::check::check(&bag);
+        let _ = ros2_bags::check::check(&bag);
         let again = work.path().join("again");
         if recover(&bag, &again, &WriteSettings::default()).is_ok() {
             let bag = Bag::open(&again).expect("a recovered bag can be opened");

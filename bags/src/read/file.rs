@@ -236,7 +236,7 @@ impl McapFile {
         }
         if !self.is_complete {
             whole = false;
-            let reason = "the file ends without a summary: it was not closed; feeder bag recover makes it whole";
+            let reason = "the file ends without a summary: it was not closed and must be recovered";
             problems.push(BagError::damaged(&self.path, self.length, reason));
         }
         Ok(whole)

@@ -79,7 +79,7 @@ impl Bag {
             let metadata = match Metadata::read(path) {
                 Ok(Some(metadata)) => Some(metadata),
                 Ok(None) => {
-                    problems.push(BagError::invalid(path, "metadata.yaml is missing; feeder bag recover writes one"));
+                    problems.push(BagError::invalid(path, "metadata.yaml is missing and must be recovered"));
                     None
                 }
                 Err(error) => {

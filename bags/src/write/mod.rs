@@ -326,7 +326,7 @@ impl OpenFile {
         let sink = Sink::create(&path).map_err(BagError::io(&path))?;
         let options = WriteOptions::new()
             .profile("ros2")
-            .library(concat!("feeder_bags ", env!("CARGO_PKG_VERSION")))
+            .library(concat!("ros2_bags ", env!("CARGO_PKG_VERSION")))
             .compression(match settings.compression {
                 Compression::None => None,
                 Compression::Lz4 => Some(McapCompression::Lz4),

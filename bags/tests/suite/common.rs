@@ -2,23 +2,34 @@
 
 use std::path::Path;
 
-use feeder_bags::check::{Finding, Severity, check};
-use feeder_bags::{Bag, BagWriter, Definitions, NewTopic, Query, RecordedMessage, WriteSettings};
 use feeder_runtime::cdr;
+use minifactory_msgs::TYPES;
 use minifactory_msgs::sensor_msgs::msg::JointState;
 use minifactory_msgs::std_msgs::msg::String as Text;
+use ros2_bags::check::{Finding, Severity, check};
+use ros2_bags::{Bag, BagWriter, Definition, Definitions, NewTopic, Query, RecordedMessage, WriteSettings};
 
 pub(crate) const STEP_NS: u64 = 1_000_000;
 
+/// The messages that the tests write.
+pub(crate) fn definitions() -> Definitions {
+    let known = TYPES.iter().map(|info| Definition {
+        ros_type: info.ros_type(),
+        text: info.definition.to_owned(),
+        type_hash: info.type_hash.to_owned(),
+    });
+    Definitions::new(Vec::new()).with_known(known)
+}
+
 /// A topic of a known type.
 pub(crate) fn topic(name: &str, ros_type: &str) -> NewTopic {
-    let definition = Definitions::new(Vec::new()).look_up(ros_type).unwrap().unwrap();
+    let definition = definitions().look_up(ros_type).unwrap().unwrap();
     NewTopic {
         name: name.to_owned(),
         ros_type: ros_type.to_owned(),
         schema_encoding: "ros2msg".to_owned(),
         schema: definition.text,
-        qos: vec![feeder_bags::qos::QosProfile::default()],
+        qos: vec![ros2_bags::qos::QosProfile::default()],
         type_hash: definition.type_hash,
     }
 }

@@ -1,8 +1,8 @@
 //! Comparing and exporting.
 
-use feeder_bags::diff::{DiffSettings, diff};
-use feeder_bags::export::export;
-use feeder_bags::{Bag, BagWriter, Compression, NewTopic, Selection, WriteSettings};
+use ros2_bags::diff::{DiffSettings, diff};
+use ros2_bags::export::export;
+use ros2_bags::{Bag, BagWriter, Compression, NewTopic, Selection, WriteSettings};
 
 use crate::common::{STEP_NS, good, joints, text, topic};
 
@@ -81,16 +81,19 @@ fn topics_types_and_counts_are_compared() {
 }
 
 #[test]
-fn numbers_become_tables() {
+fn numbers_and_texts_become_tables() {
     let work = tempfile::tempdir().unwrap();
     let folder = work.path().join("bag");
     good(&folder, WriteSettings::default(), 3);
     let tables = work.path().join("tables");
     let exported = export(&Bag::open(&folder).unwrap(), &Selection::default(), &tables).unwrap();
     let outcomes: Vec<_> = exported.iter().map(|exported| (&*exported.topic, exported.outcome.is_ok())).collect();
-    assert_eq!(outcomes, [("/joints", true), ("/text", false)]);
+    assert_eq!(outcomes, [("/joints", true), ("/text", true)]);
     let table = std::fs::read_to_string(tables.join("joints.csv")).unwrap();
-    let expected = "log_time_ns,publish_time_ns,header.stamp.sec,header.stamp.nanosec,position[0],position[1]\n\
-                    0,0,0,0,0.0,0.5\n1000000,1000000,0,0,1.0,0.5\n2000000,2000000,0,0,2.0,0.5\n";
+    let expected = "log_time_ns,publish_time_ns,header.stamp.sec,header.stamp.nanosec,header.frame_id,name[0],name[1],\
+                    position[0],position[1]\n\
+                    0,0,0,0,,x,y,0.0,0.5\n1000000,1000000,0,0,,x,y,1.0,0.5\n2000000,2000000,0,0,,x,y,2.0,0.5\n";
     assert_eq!(table, expected);
+    let texts = std::fs::read_to_string(tables.join("text.csv")).unwrap();
+    assert!(texts.starts_with("log_time_ns,publish_time_ns,data\n0,0,message 0\n"), "{texts}");
 }

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use feeder_bags::recover::recover;
-use feeder_bags::{Bag, BagWriter, Compression, Query, RecordedMessage, WriteSettings};
 use proptest::prelude::*;
+use ros2_bags::recover::recover;
+use ros2_bags::{Bag, BagWriter, Compression, Query, RecordedMessage, WriteSettings};
 
 use crate::common::{errors, fill, good};
 
@@ -112,7 +112,7 @@ proptest! {
         if let Ok(bag) = Bag::open(&folder) {
             let read = readable(&bag).len();
             prop_assert!(read <= 60);
-            let _ = feeder_bags::check::check(&bag);
+            let _ = ros2_bags::check::check(&bag);
             let again = work.path().join("again");
             let recovered = recover(&bag, &again, &WriteSettings::default()).unwrap();
             prop_assert!(recovered.metadata.message_count <= read as u64);

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use feeder_bags::metadata::Metadata;
-use feeder_bags::{Bag, BagWriter, Compression, Distribution, NewAttachment, NewTopic, Query, WriteSettings};
 use mcap::records::MessageHeader;
 use proptest::prelude::*;
+use ros2_bags::metadata::Metadata;
+use ros2_bags::{Bag, BagWriter, Compression, Distribution, NewAttachment, NewTopic, Query, WriteSettings};
 
 use crate::common::{STEP_NS, errors, fill, good, messages, text, topic};
 

@@ -1,7 +1,7 @@
 //! Turns ROS 2 interface definitions (`.msg`, `.srv`, `.action`) into Rust source, concatenated schemas and type hashes.
 //!
 //! ```
-//! use minifactory_msggen::{Catalogue, PackageFolder, DefinitionFile, TypeName, emit};
+//! use ros2_msggen::{Catalogue, PackageFolder, DefinitionFile, TypeName, emit};
 //!
 //! let source = DefinitionFile {
 //!     package: "demo_msgs".into(),
@@ -15,7 +15,7 @@
 //!
 //! let spot = catalogue.get(&TypeName::message("demo_msgs", "Spot")).expect("just defined");
 //! assert!(catalogue.type_hash(spot).starts_with("RIHS01_"));
-//! # Ok::<(), minifactory_msggen::Error>(())
+//! # Ok::<(), ros2_msggen::Error>(())
 //! ```
 
 mod catalogue;
@@ -37,3 +37,8 @@ pub use model::{
     Arity, Constant, Element, Field, FieldType, Literal, MessageBody, PackageFolder, Role, Structure, TypeName,
 };
 pub use source::DefinitionFile;
+
+/// The front page's code, which is tried with the documentation's.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct FrontPage;

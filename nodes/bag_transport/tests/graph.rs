@@ -13,8 +13,7 @@ use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 use feeder_bag_transport::play::{Control, Done, PlaySettings, Played, Player, serve};
-use feeder_bag_transport::record::{GraphRecorder, GraphSettings};
-use feeder_bags::{Bag, BagWriter, Definitions, NewTopic, Query, Selection, WriteSettings};
+use feeder_bag_transport::record::{GraphRecorder, GraphSettings, definitions};
 use feeder_runtime::cdr;
 use feeder_runtime::dds::{Durability, NodeName, Participant, Qos, Reader, Reliability, Server};
 use feeder_runtime::testing::TestDomain;
@@ -26,6 +25,7 @@ use minifactory_msgs::rosbag2_interfaces::srv::{
 use minifactory_msgs::rosgraph_msgs::msg::Clock;
 use minifactory_msgs::std_msgs::msg::String as Text;
 use minifactory_msgs::{Message as _, Service};
+use ros2_bags::{Bag, BagWriter, NewTopic, Query, Selection, WriteSettings};
 
 use common::{STEP_NS, errors, good, messages, topic};
 
@@ -90,7 +90,7 @@ fn known_and_unknown_types_are_recorded_and_nothing_is_lost() {
         std::thread::spawn(move || {
             let writer = BagWriter::create(&folder, WriteSettings::default()).unwrap();
             let settings = GraphSettings { selection, ..GraphSettings::default() };
-            let mut recorder = GraphRecorder::new(writer, Definitions::new(Vec::new()), settings);
+            let mut recorder = GraphRecorder::new(writer, definitions(), settings);
             recorder.run(&here, &stop, |_, _| ()).unwrap();
             let counts = recorder.counts();
             recorder.into_writer().finish().unwrap();
@@ -166,7 +166,7 @@ impl Playing {
 /// Has these topics played to late readers too: the player may find a reader some time after it was started.
 fn for_late_readers(topics: &[&str]) -> PlaySettings {
     let yaml: String = topics.iter().map(|topic| format!("{topic}:\n  durability: transient_local\n")).collect();
-    PlaySettings { qos_overrides: feeder_bags::qos::parse_overrides(&yaml).unwrap(), ..PlaySettings::default() }
+    PlaySettings { qos_overrides: ros2_bags::qos::parse_overrides(&yaml).unwrap(), ..PlaySettings::default() }
 }
 
 /// A reader that gets what was published before it came.

@@ -7,11 +7,11 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
-use feeder_bags::Bag;
 use feeder_runtime::dds::Domain;
 use feeder_scenario::plan::{RunPlan, load_plan, named};
 use feeder_top::Screen;
 use feeder_view::{Place, Settings, Source, View};
+use ros2_bags::Bag;
 
 use crate::bag::recorded_plan;
 use crate::up::stop_on_signals;

@@ -7,12 +7,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
 use anyhow::{Context as _, anyhow};
-use feeder_bag_transport::record::record_run;
-use feeder_bags::{BagError, BagWriter, Definitions, Distribution, NewAttachment, Selection, WriteSettings};
+use feeder_bag_transport::record::{definitions, record_run};
 use feeder_runtime::lockstep::LoopContract;
 use feeder_runtime::recording::RunListener;
 use feeder_scenario::plan::RunPlan;
 use regex::Regex;
+use ros2_bags::{BagError, BagWriter, Distribution, NewAttachment, Selection, WriteSettings};
 
 /// Attachment with the plan of the run, the scenario's text included.
 pub(crate) const PLAN: &str = "plan.yaml";
@@ -77,7 +77,7 @@ impl Recording {
         let listener = RunListener::bind(&socket, contract, move |topic| selection.takes(&topic.name, &topic.ros_type))
             .with_context(|| format!("cannot listen at {}", socket.display()))?;
         let over = Arc::new(AtomicBool::new(false));
-        let (tick_ns, definitions, is_over) = (contract.timing.tick_ns, Definitions::from_env(), Arc::clone(&over));
+        let (tick_ns, definitions, is_over) = (contract.timing.tick_ns, definitions(), Arc::clone(&over));
         let thread = std::thread::Builder::new().name("recorder".to_owned()).spawn(move || {
             let result = record_run(&mut writer, &listener, tick_ns, &definitions, &is_over);
             drop(listener);

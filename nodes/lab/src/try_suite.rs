@@ -6,10 +6,10 @@ use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context as _, Result, anyhow};
 use feeder::up::{self, UpArgs};
-use feeder_bags::{Bag, Query};
 use feeder_model::motor::Load;
 use feeder_scenario::{MotorSource, Scenario};
 use minifactory_msgs::msg::{CourierState, FeederState};
+use ros2_bags::{Bag, Query};
 
 use crate::experiment::motors::{self, Plant};
 
@@ -176,7 +176,7 @@ fn told(folder: &Path) -> Result<Told> {
     let mut told = Told::default();
     for message in bag.messages(&Query::default()) {
         let message = message?;
-        let little_endian = feeder_bags::cdr::is_little_endian(&message.data).map_err(anyhow::Error::msg)?;
+        let little_endian = ros2_bags::cdr::is_little_endian(&message.data).map_err(anyhow::Error::msg)?;
         let data = &message.data[HEADER_BYTES..];
         let time_s = message.log_ns as f64 * 1e-9;
         match bag.topics()[message.topic].ros_type.as_str() {

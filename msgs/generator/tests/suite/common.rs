@@ -1,6 +1,6 @@
 //! Definitions given as text.
 
-use minifactory_msggen::{Catalogue, DefinitionFile, Error, PackageFolder, Structure, TypeName};
+use ros2_msggen::{Catalogue, DefinitionFile, Error, PackageFolder, Structure, TypeName};
 
 /// Parses one message `demo_msgs/Spot`, whose fields may be `Point`s.
 pub(crate) fn parse(text: &str) -> Result<Structure, Error> {

@@ -3,9 +3,7 @@
 use std::{fs, path::Path};
 
 use crate::common::{parse, source};
-use minifactory_msggen::{
-    Arity, Catalogue, DefinitionFile, Element, FieldType, Literal, PackageFolder, TypeName, emit,
-};
+use ros2_msggen::{Arity, Catalogue, DefinitionFile, Element, FieldType, Literal, PackageFolder, TypeName, emit};
 
 fn error(text: &str) -> String {
     parse(text).expect_err(text).to_string()

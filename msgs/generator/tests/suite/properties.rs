@@ -1,8 +1,8 @@
 //! Whatever text comes in, the outcome is types or an error that names a line.
 
 use crate::common::{parse, source, with_needed};
-use minifactory_msggen::{Catalogue, Error, PackageFolder, emit};
 use proptest::prelude::*;
+use ros2_msggen::{Catalogue, Error, PackageFolder, emit};
 
 /// Text made of the language's own pieces, which gets further into the parser than any text does.
 fn pieces() -> impl Strategy<Value = String> {

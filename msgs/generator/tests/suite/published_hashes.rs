@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use minifactory_msggen::{Catalogue, DefinitionFile, PackageFolder, TypeName};
+use ros2_msggen::{Catalogue, DefinitionFile, PackageFolder, TypeName};
 
 fn source(package: &str, namespace: PackageFolder, name: &str, text: &str) -> DefinitionFile {
     DefinitionFile {

@@ -1,7 +1,7 @@
 //! The emitted source. That it compiles and encodes as it should is tested where it is used.
 
 use crate::common::{source, with_needed};
-use minifactory_msggen::{Catalogue, DefinitionFile, PackageFolder, emit};
+use ros2_msggen::{Catalogue, DefinitionFile, PackageFolder, emit};
 
 fn emitted(text: &str) -> String {
     emit_all(&[source(PackageFolder::Msg, "Spot", text)])

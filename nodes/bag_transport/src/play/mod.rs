@@ -23,10 +23,10 @@ pub use control::{Control, Done};
 pub use services::serve;
 pub use timeline::Lateness;
 
-use feeder_bags::Selection;
-use feeder_bags::qos::QosOverride;
-use feeder_bags::{Bag, RecordedMessage};
 use outlets::Outlets;
+use ros2_bags::Selection;
+use ros2_bags::qos::QosOverride;
+use ros2_bags::{Bag, RecordedMessage};
 use source::BagSource;
 use timeline::Timeline;
 

@@ -7,10 +7,10 @@ use bytes::Bytes;
 use feeder_runtime::dds::{Durability, Participant, PublishError, Qos, Reliability, Writer};
 
 use super::{PlayError, PlaySettings};
-use feeder_bags::cdr::{HEADER_BYTES, MessageType, is_little_endian};
-use feeder_bags::dds_type;
-use feeder_bags::qos::{self, History, QosProfile, parse_profiles};
-use feeder_bags::{Bag, RecordedMessage, Topic};
+use ros2_bags::cdr::{HEADER_BYTES, MessageType, is_little_endian};
+use ros2_bags::dds_type;
+use ros2_bags::qos::{self, History, QosProfile, parse_profiles};
+use ros2_bags::{Bag, RecordedMessage, Topic};
 
 /// Samples that a slow reader may leave unacknowledged.
 const BACKLOG: u16 = 2048;

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use feeder_bags::{Bag, Query, RecordedMessage};
+use ros2_bags::{Bag, Query, RecordedMessage};
 
 /// Messages that are read ahead.
 const AHEAD: usize = 512;

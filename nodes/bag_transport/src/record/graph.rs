@@ -12,11 +12,11 @@ use minifactory_msgs::interface::standard::CLOCK;
 use minifactory_msgs::rosgraph_msgs::msg::Clock;
 
 use super::{described, with_header};
-use feeder_bags::BagError;
-use feeder_bags::BagWriter;
-use feeder_bags::Selection;
-use feeder_bags::qos::{self, History, QosProfile};
-use feeder_bags::{Definitions, ros_type};
+use ros2_bags::BagError;
+use ros2_bags::BagWriter;
+use ros2_bags::Selection;
+use ros2_bags::qos::{self, History, QosProfile};
+use ros2_bags::{Definitions, ros_type};
 
 /// Between looks for new topics.
 const DISCOVERY_PERIOD: Duration = Duration::from_millis(100);

@@ -6,9 +6,21 @@ mod run;
 pub use graph::{GraphRecorder, GraphSettings, RecordError, TopicCount};
 pub use run::record_run;
 
-use feeder_bags::Definitions;
-use feeder_bags::NewTopic;
-use feeder_bags::qos::QosProfile;
+use minifactory_msgs::TYPES;
+use ros2_bags::qos::QosProfile;
+use ros2_bags::{Definition, Definitions, NewTopic};
+
+/// Where a recorder finds definitions: this project's messages and the standard ones, and the packages that the
+/// environment names.
+#[must_use]
+pub fn definitions() -> Definitions {
+    let known = |info: &minifactory_msgs::TypeInfo| Definition {
+        ros_type: info.ros_type(),
+        text: info.definition.to_owned(),
+        type_hash: info.type_hash.to_owned(),
+    };
+    Definitions::from_env().with_known(TYPES.iter().map(known))
+}
 
 /// A topic as it is written, with its definition if there is one.
 fn described(definitions: &Definitions, name: &str, ros_type: &str, qos: Vec<QosProfile>) -> NewTopic {

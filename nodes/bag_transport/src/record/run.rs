@@ -8,10 +8,10 @@ use std::time::Duration;
 use feeder_runtime::recording::{RunEvent, RunListener, RunTopic};
 
 use super::{described, with_header};
-use feeder_bags::BagError;
-use feeder_bags::BagWriter;
-use feeder_bags::Definitions;
-use feeder_bags::qos::{Durability, QosProfile, Reliability};
+use ros2_bags::BagError;
+use ros2_bags::BagWriter;
+use ros2_bags::Definitions;
+use ros2_bags::qos::{Durability, QosProfile, Reliability};
 
 /// Between looks whether the run is over, and whether a chunk is due.
 const POLL: Duration = Duration::from_millis(100);

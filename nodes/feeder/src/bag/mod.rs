@@ -11,13 +11,13 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Subcommand;
-use feeder_bags::check::{Severity, check};
-use feeder_bags::diff::{Diff, DiffSettings, diff};
-use feeder_bags::export::export;
-use feeder_bags::info::Info;
-use feeder_bags::recover::recover;
-use feeder_bags::{Bag, Distribution, Selection, WriteSettings};
 use regex::Regex;
+use ros2_bags::check::{Severity, check};
+use ros2_bags::diff::{Diff, DiffSettings, diff};
+use ros2_bags::export::export;
+use ros2_bags::info::Info;
+use ros2_bags::recover::recover;
+use ros2_bags::{Bag, Distribution, Selection, WriteSettings};
 
 /// Record, play and examine ROS 2 bags (MCAP).
 #[derive(Debug, clap::Args)]
@@ -70,7 +70,7 @@ struct DiffArgs {
     ignore_time: bool,
 }
 
-/// Write the numbers of topics to CSV files, one for each topic
+/// Write the numbers and texts of topics to CSV files, one for each topic
 #[derive(Debug, clap::Args)]
 struct ExportArgs {
     /// The bag

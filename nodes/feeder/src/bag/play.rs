@@ -10,11 +10,11 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use feeder_bag_transport::play::{Control, Done, PlaySettings, Played, Player, serve};
-use feeder_bags::qos::parse_overrides;
-use feeder_bags::{Seconds, Selection};
 use feeder_runtime::dds::{NodeName, Participant};
 use indicatif::{ProgressBar, ProgressStyle};
 use regex::Regex;
+use ros2_bags::qos::parse_overrides;
+use ros2_bags::{Seconds, Selection};
 
 use super::record::{domain, seconds, stop_flag};
 

@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
 use clap::ValueEnum;
-use feeder_bag_transport::record::{GraphRecorder, GraphSettings, RecordError, TopicCount};
-use feeder_bags::{BagError, BagWriter, Compression, Definitions, Distribution, Selection, WriteSettings};
+use feeder_bag_transport::record::{GraphRecorder, GraphSettings, RecordError, TopicCount, definitions};
 use feeder_runtime::dds::{Domain, NodeName, Participant};
 use indicatif::{ProgressBar, ProgressStyle};
 use regex::Regex;
+use ros2_bags::{BagError, BagWriter, Compression, Distribution, Selection, WriteSettings};
 
 /// Record topics of the ROS graph until Ctrl-C; without a choice, all that are not hidden
 #[derive(Debug, clap::Args)]
@@ -123,7 +123,7 @@ pub(crate) fn run(args: &RecordArgs) -> anyhow::Result<()> {
         GraphSettings { selection, use_sim_time: args.use_sim_time, no_discovery: args.no_discovery };
     let writer = BagWriter::create(&args.out, settings)?;
     let participant = Participant::open(&domain(args.domain)?, &NodeName::new("/", "rosbag2_recorder")?)?;
-    let mut recorder = GraphRecorder::new(writer, Definitions::from_env(), settings_of_graph);
+    let mut recorder = GraphRecorder::new(writer, definitions(), settings_of_graph);
     let view = ProgressBar::new_spinner();
     view.set_style(
         ProgressStyle::with_template("{elapsed_precise}  {msg}").unwrap_or_else(|_| ProgressStyle::default_spinner()),

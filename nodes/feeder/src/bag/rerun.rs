@@ -7,12 +7,12 @@ use std::time::Duration;
 
 use anyhow::{Context as _, anyhow, bail};
 use bytes::Bytes;
-use feeder_bags::cdr::HEADER_BYTES;
-use feeder_bags::diff::{DiffSettings, diff};
-use feeder_bags::{Bag, BagError, BagWriter, NewTopic, Query, Selection, WriteSettings};
 use feeder_runtime::launch::Recorded;
 use feeder_runtime::lockstep::LoopContract;
 use feeder_scenario::plan::{PlannedNode, RunPlan};
+use ros2_bags::cdr::HEADER_BYTES;
+use ros2_bags::diff::{DiffSettings, diff};
+use ros2_bags::{Bag, BagError, BagWriter, NewTopic, Query, Selection, WriteSettings};
 
 use crate::recording::{PLAN, RUN_END, RecordOptions, TICKS};
 use crate::table::{NODES, NodeEntry, name_of, placed};

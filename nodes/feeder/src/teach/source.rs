@@ -5,8 +5,6 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, ensure};
-use feeder_bags::cdr::HEADER_BYTES;
-use feeder_bags::{Bag, Query};
 use feeder_model::camera::CameraModel;
 use feeder_runtime::cdr;
 use feeder_runtime::node::ns_of_stamp;
@@ -17,6 +15,8 @@ use feeder_wire::topics;
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::CompressedImage;
 use nalgebra::Isometry2;
+use ros2_bags::cdr::HEADER_BYTES;
+use ros2_bags::{Bag, Query};
 
 use crate::pictures::Photo;
 

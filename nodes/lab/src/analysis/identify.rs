@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 use crate::identify::{VelocitySample, kinetic_friction};
 use anyhow::{Context, Result, bail};
 use clap::Args as ClapArgs;
-use feeder_bags::{Bag, BagWriter, NewTopic, Query, WriteSettings};
 use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_runtime::node::{ns_of_stamp, stamp_of_ns};
 use minifactory_msgs::Message as _;
 use minifactory_msgs::sensor_msgs::msg::JointState;
 use minifactory_msgs::std_msgs::msg::Header;
+use ros2_bags::{Bag, BagWriter, NewTopic, Query, WriteSettings};
 use serde::Serialize;
 
 use super::print_json;
@@ -80,7 +80,7 @@ fn read_bag(args: &Args) -> Result<Vec<VelocitySample>> {
         if message.topic != topic {
             continue;
         }
-        let little_endian = feeder_bags::cdr::is_little_endian(&message.data).map_err(anyhow::Error::msg)?;
+        let little_endian = ros2_bags::cdr::is_little_endian(&message.data).map_err(anyhow::Error::msg)?;
         let state: JointState = feeder_runtime::cdr::decode(&message.data[HEADER_BYTES..], little_endian)?;
         let velocity = |joint: &str| {
             let place = state.name.iter().position(|name| name == joint);
