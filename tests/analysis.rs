@@ -294,3 +294,16 @@ fn every_fault_is_survived() {
         assert!(ms(safe).is_none_or(|ms| ms < limit_ms + 300.0) && way_mm < 110.0, "{row:?}");
     }
 }
+
+#[test]
+fn arguments_that_would_do_nothing_are_refused() {
+    for (arguments, says) in [
+        ("try-motors --only nosuch", "--only: no motor's name contains \"nosuch\"; there are as assumed, lag x 0"),
+        ("identify-motor --plant nosuch", "--plant: no motor's name contains \"nosuch\"; there are as assumed"),
+        ("plan-move --distance 0.3 --turn 0.5 --policy selected", "--turn = 0.5 is outside its range: 0 with"),
+    ] {
+        let output = lab(arguments);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && output.stdout.is_empty() && said.contains(says), "{arguments}: {said}");
+    }
+}

@@ -9,9 +9,10 @@ use feeder_runtime::cdr;
 use feeder_runtime::dds::{NodeName, Participant};
 use feeder_runtime::parameters::Value;
 use feeder_runtime::testing::TestDomain;
-use feeder_wire::topics::{CLOCK, WAVEFORM};
+use feeder_wire::topics::{CLOCK, DIAGNOSTICS, WAVEFORM};
 use minifactory_msgs::Service;
 use minifactory_msgs::builtin_interfaces::msg::Time;
+use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
 use minifactory_msgs::msg::Waveform;
 use minifactory_msgs::rcl_interfaces::msg::{Parameter, SetParametersResult};
 use minifactory_msgs::rcl_interfaces::srv::{
@@ -215,4 +216,33 @@ fn a_node_outside_a_run_goes_by_somebody_elses_clock() {
         heard.recv_timeout(Duration::from_millis(20)).ok()
     });
     assert_eq!(waveform.header.stamp, stamp);
+}
+
+#[test]
+fn a_nodes_help_tells_its_parameters() {
+    for name in ["vision_selector", "platen_arbiter"] {
+        let output = crate::common::output(["node", name, "--", "--help"]);
+        let said = String::from_utf8(output.stdout).unwrap();
+        assert!(output.status.success() && said.contains("--ros-args") && said.contains("--config"), "{said}");
+        // The built-in run has no arbiter whose values there would be to show.
+        assert_eq!(said.contains("* selector.confidence_min = "), name == "vision_selector", "{said}");
+    }
+}
+
+/// On the wall clock, where no camera is.
+#[test]
+fn a_selector_that_never_saw_an_image_does_not_say_that_the_camera_stopped() {
+    let domain = TestDomain::claim();
+    let here = participant(&domain);
+    let (sender, heard) = std::sync::mpsc::channel();
+    let _reader = here.topic_reader(&DIAGNOSTICS, "", move |sample| {
+        let _ = sender.send(sample.decode::<DiagnosticArray>().unwrap());
+    });
+    let _node = Node::start(&domain, "vision_selector", &[]);
+    let said = crate::common::wait_for("word of the camera", || {
+        let array = heard.recv_timeout(Duration::from_millis(20)).ok()?;
+        let said = array.status.into_iter().map(|status| status.message);
+        said.into_iter().find(|said| said.contains("no image") || said.contains("camera"))
+    });
+    assert!(said.contains("no image has come yet"), "{said}");
 }

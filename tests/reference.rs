@@ -3,11 +3,10 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use feeder_runtime::launch::parameters;
-use feeder_runtime::node::NodeError;
+use feeder::parameters_of;
 use feeder_runtime::parameters::{Declaration, Range};
 use feeder_scenario::Scenario;
-use feeder_scenario::plan::{PlannedConfig, load_plan};
+use feeder_scenario::plan::load_plan;
 use serde_json::{Map, Value};
 
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
@@ -178,19 +177,6 @@ fn keys_of_a_scenario_are_those_of_the_page() {
     hold("scenario.md", &(page.trim_end().to_owned() + "\n"));
 }
 
-fn declared(node: &PlannedConfig) -> Result<Vec<Declaration>, NodeError> {
-    match node {
-        PlannedConfig::WaveformGenerator(config) => parameters::<waveform_generator::WaveformGenerator>(config),
-        PlannedConfig::CourierDriver(config) => parameters::<courier_driver::CourierDriver>(config),
-        PlannedConfig::PartSimulator(config) => parameters::<part_simulator::PartSimulator>(config),
-        PlannedConfig::VisionSelector(config) => parameters::<vision_selector::VisionSelector>(config),
-        PlannedConfig::DeliveryPlanner(config) => parameters::<delivery_planner::DeliveryPlanner>(config),
-        PlannedConfig::OverheadManipulator(config) => parameters::<overhead_manipulator::OverheadManipulator>(config),
-        PlannedConfig::PlatenArbiter(config) => parameters::<platen_arbiter::PlatenArbiter>(config),
-        PlannedConfig::RunMonitor(config) => parameters::<run_monitor::RunMonitor>(config),
-    }
-}
-
 fn limits(declaration: &Declaration) -> String {
     let limits = match declaration.range {
         Some(Range::Integer { from, to, .. }) => format!("{from} to {to}"),
@@ -209,7 +195,7 @@ fn parameters_of_the_nodes_are_those_of_the_page() {
     for planned in &load_plan(None).unwrap().nodes {
         writeln!(page, "## {}\n", planned.node.kind()).unwrap();
         page += "| Parameter | Default | Range | Meaning, unit |\n|---|---|---|---|\n";
-        for declaration in declared(&planned.node).unwrap() {
+        for declaration in parameters_of(planned).unwrap() {
             let live = if declaration.read_only { "" } else { " *live*" };
             let (name, default) = (&declaration.name, cell(&declaration.default.to_string()));
             let default = if default.len() > 60 { "…".to_owned() } else { format!("`{default}`") };

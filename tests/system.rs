@@ -113,6 +113,15 @@ fn a_run_ends_when_its_goal_is_reached() {
     assert_eq!(first.digest(), again.digest());
 }
 
+#[test]
+fn a_run_that_misses_its_goal_fails_and_says_so() {
+    let outcome = Up::new("--duration 1 --goal 100 --composed").outcome();
+    assert_eq!(outcome.status.code(), Some(1), "{}", outcome.stderr);
+    assert!(outcome.stderr.contains("0 of 100 parts delivered"), "{}", outcome.stderr);
+    // How it went is told all the same.
+    assert!(outcome.number("sim_s") > 0.9, "{}", outcome.summary());
+}
+
 /// Long enough for parts to be seen, chosen and delivered.
 pub(crate) const REPEATED: &str = "--duration 25";
 

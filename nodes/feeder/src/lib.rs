@@ -22,6 +22,8 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
+pub use table::parameters_of;
+
 /// A miniature mobile parts feeder. Without a subcommand the built-in scenario runs.
 #[derive(Debug, Parser)]
 #[command(version)]

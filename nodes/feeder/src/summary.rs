@@ -100,7 +100,7 @@ impl Feeding {
             row("feeder", self.feeder.clone())?;
         }
         row("past the camera", format!("{:.1} /min", self.passed_per_min))?;
-        row("  of these right and apart", format!("{:.1} /min", self.good_per_min))?;
+        row("  right, a length apart", format!("{:.1} /min", self.good_per_min))?;
         row("selected rightly", self.right_selections.to_string())?;
         row("  wrongly", self.wrong_selections.to_string())?;
         row("  missed", self.missed_selections.to_string())?;

@@ -51,7 +51,7 @@ pub struct UpArgs {
     /// Simulated seconds to run, instead of the scenario's
     #[arg(long, allow_negative_numbers = true, value_name = "SECONDS")]
     pub duration: Option<f64>,
-    /// End when so many parts are delivered, instead of the scenario's goal
+    /// End when so many parts are delivered, instead of the scenario's goal; a run that ends without them fails
     #[arg(long, value_name = "PARTS", value_parser = clap::value_parser!(u32).range(1..))]
     pub goal: Option<u32>,
     /// All nodes in this process instead of one process each
@@ -102,12 +102,15 @@ pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
 /// Runs a plan to its end.
 pub(crate) fn run_plan(plan: &RunPlan, args: &UpArgs) -> anyhow::Result<()> {
     let stop = stop_on_signals()?;
-    let Ended { summary, outcome, .. } = execute(plan, args, &stop)?;
+    let Ended { summary, progress, outcome } = execute(plan, args, &stop)?;
     print!("{summary}");
     if let Some(file) = &args.summary {
         write(file, &summary.to_json()?)?;
     }
-    outcome
+    outcome?;
+    let (delivered, goal) = (progress.delivered(), plan.run.goal_delivered.unwrap_or(0));
+    anyhow::ensure!(delivered >= goal, "the run ended before its goal: {delivered} of {goal} parts delivered");
+    Ok(())
 }
 
 /// Refuses before the run what could not be written after it.

@@ -32,7 +32,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let config = CourierConfig { learning, ..CourierConfig::default() };
     let plants = motors::plants(assumed_motor());
     let plant = plants.iter().find(|plant| plant.name.contains(&args.plant));
-    let plant = plant.with_context(|| format!("no motor is called {:?}", args.plant))?;
+    let plant = plant.with_context(|| format!("--plant: {}", motors::unknown(&args.plant, &plants)))?;
     let period_s = config.servo_period_s;
     let trial = if args.built_in { FeedTrial::built_in(period_s) } else { FeedTrial::paper(period_s) };
     let mut driver = SimulatedCourier { config, motor: plant.motor }.driver(1)?;

@@ -33,7 +33,7 @@ pub(crate) struct Args {
     /// Print a list: 20 to 600 mm at μ 0.15, 0.2 and 0.3.
     #[arg(long, conflicts_with_all = ["distance", "mu"])]
     sweep: bool,
-    /// How far the tray turns on the way, rad.
+    /// How far the tray turns on the way, rad; with `--policy all`.
     #[arg(long, allow_negative_numbers = true, default_value_t = 0.0)]
     turn: f64,
     /// Coefficient of static friction between part and tray.
@@ -104,6 +104,9 @@ fn figures(args: &Args) -> Result<MoveFigures, PlanError> {
     let (radius_m, inner_m, outer_m) = (args.ramp_radius, tray.inner_radius_m, tray.outer_radius_m);
     let within = (inner_m..=outer_m).contains(&radius_m);
     OutOfRange::unless(within, "--ramp-radius", radius_m, format_args!("{inner_m} to {outer_m} m"))?;
+    // One part on the axis of the move feels no turn.
+    let turns = args.policy == Protect::All || args.turn == 0.0;
+    OutOfRange::unless(turns, "--turn", args.turn, "0 with --policy selected, anything with --policy all")?;
 
     let gentle = GentleParameters {
         friction: args.mu,

@@ -1,6 +1,6 @@
 //! `feeder-lab try-motors`: what the courier feeds on motors that its controller was not made for.
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use clap::Args as ClapArgs;
 
 use crate::experiment::feed::FeedTrial;
@@ -62,16 +62,18 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         ("paper, 30 Hz", FeedTrial::paper(config.servo_period_s)),
         ("built-in, 10 Hz", FeedTrial::built_in(config.servo_period_s)),
     ];
+    let plants = match args.drawn {
+        Some(count) => motors::drawn(assumed_motor(), count, args.draw_seed),
+        None => motors::plants(assumed_motor()),
+    };
+    let chosen: Vec<_> = plants.iter().filter(|plant| plant.name.contains(&args.only)).collect();
+    ensure!(!chosen.is_empty(), "--only: {}", motors::unknown(&args.only, &plants));
     println!("Feed on the ramp over that of the ideal tray: from 2 to 3 s after a cold start, and from 7 to 8 s.");
     for (name, trial) in trials {
         println!("\nWaveform: {name}\n");
         println!("| Plant | Feedback 2 s | 7 s | Learning 2 s | 7 s | The driver said |\n|---|---|---|---|---|---|");
-        let plants = match args.drawn {
-            Some(count) => motors::drawn(assumed_motor(), count, args.draw_seed),
-            None => motors::plants(assumed_motor()),
-        };
         let mut tally = Tally::default();
-        for plant in plants.iter().filter(|plant| plant.name.contains(&args.only)) {
+        for plant in &chosen {
             let feedback = motors::run(&trial, plant, config, false, args.seed)?;
             let learning = motors::run(&trial, plant, config, true, args.seed)?;
             let said = learning.said_s.map_or_else(String::new, |s| format!("{s:.1} s: {}", learning.said));

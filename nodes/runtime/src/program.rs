@@ -7,10 +7,11 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::Parser;
+use clap::error::ErrorKind;
 
 use crate::args::RosArgs;
 use crate::dds::{Domain, NodeName};
-use crate::launch::{Seat, run_in_loop, run_remapped};
+use crate::launch::{Seat, parameters, run_in_loop, run_remapped};
 use crate::lockstep::{LoopContract, RunError};
 use crate::logging::{LogSettings, start_logging};
 use crate::node::{FeederNode, NodeError};
@@ -66,6 +67,10 @@ pub fn main_with<N: FeederNode, E: std::error::Error + Send + Sync + 'static>(
         Err(error) => {
             // Nothing is left to do when even the usage message cannot be shown.
             let _ = error.print();
+            if error.kind() == ErrorKind::DisplayHelp {
+                let config = load(None, None).ok().map(|(_, config)| config);
+                print!("{}", ros_help::<N>(config.as_ref()));
+            }
             return if error.use_stderr() { ExitCode::FAILURE } else { ExitCode::SUCCESS };
         }
     };
@@ -78,6 +83,26 @@ pub fn main_with<N: FeederNode, E: std::error::Error + Send + Sync + 'static>(
             ExitCode::FAILURE
         }
     }
+}
+
+/// What may stand behind `--ros-args`, and the node's parameters with their values in the configuration it has without a
+/// file; a node that the built-in run lacks has none to show.
+fn ros_help<N: FeederNode>(config: Option<&N::Config>) -> String {
+    let mut help = "\nROS arguments, behind --ros-args:
+  -r, --remap FROM:=TO      -p, --param NAME:=VALUE     --params-file FILE
+  --log-level [NAME:=]LEVEL --disable-stdout-logs       --disable-rosout-logs
+"
+    .to_owned();
+    let declared = config.and_then(|config| parameters::<N>(config).ok()).unwrap_or_default();
+    if !declared.is_empty() {
+        help += "\nParameters, with their values in the built-in scenario (* can be set while the node runs):\n";
+    }
+    for declaration in declared {
+        let live = if declaration.read_only { ' ' } else { '*' };
+        let meaning = declaration.description.split_whitespace().collect::<Vec<_>>().join(" ");
+        help += &format!("{live} {} = {}\n      {meaning}\n", declaration.name, declaration.default);
+    }
+    help
 }
 
 fn run<N: FeederNode>(

@@ -157,17 +157,39 @@ impl Scenario {
         Ok(())
     }
 
+    /// Checks that couriers can stand where they feed.
+    fn validate_keep_out(&self) -> Result<(), ScenarioError> {
+        let radius_m = self.delivery.footprint_radius_m;
+        let first = Area::disc(self.delivery.feeding_place.xy(), radius_m);
+        let places = std::iter::once(first).chain(self.parked_areas().map(|area| Area { radius_m, ..area }));
+        let places: Vec<(&str, Area)> = self.feeder_names().zip(places).collect();
+        for (index, area) in self.platen.keep_out.iter().enumerate() {
+            area.validate().map_err(|error| invalid("platen", &format_args!("keep_out: {error}")))?;
+            if let Some((name, _)) = places.iter().find(|(_, place)| place.overlaps(area)) {
+                let problem = format!(
+                    "keep_out[{index}] lies over the place where {name} feeds, allowed is {radius_m} m \
+                     (delivery.footprint_radius_m) or more from its middle"
+                );
+                return Err(ScenarioError::Invalid { section: "platen", problem });
+            }
+        }
+        Ok(())
+    }
+
     pub(super) fn validate_cell(&self, part: &PartType) -> Result<(), ScenarioError> {
         self.validate_recipes(part)?;
+        let limits = &self.courier.limits;
         for further in &self.further_feeders {
-            for (key, value) in [("x_m", further.x_m), ("y_m", further.y_m)] {
-                OutOfRange::unless(value.abs() <= 10.0, format!("{}.{key}", further.name), value, "-10 to 10 m")
+            for (key, value, min, max) in [
+                ("x_m", further.x_m, limits.x_m_min, limits.x_m_max),
+                ("y_m", further.y_m, limits.y_m_min, limits.y_m_max),
+            ] {
+                let allowed = format!("{min} to {max} m (courier.limits)");
+                OutOfRange::unless((min..=max).contains(&value), format!("{}.{key}", further.name), value, allowed)
                     .map_err(|error| invalid("further_feeders", &error))?;
             }
         }
-        for area in &self.platen.keep_out {
-            area.validate().map_err(|error| invalid("platen", &format_args!("keep_out: {error}")))?;
-        }
+        self.validate_keep_out()?;
         let mut names = BTreeSet::from([self.feeder.as_str()]);
         for further in &self.further_feeders {
             check_name("further_feeders", &further.name)?;

@@ -198,6 +198,25 @@ fn changed(written: &str, changed: &str) -> Result<Scenario, feeder_scenario::Sc
 }
 
 #[test]
+fn feeders_stand_on_the_platen_where_nothing_is_kept_out() {
+    let platen =
+        |keep_out: &str| changed("parts_loaded:", &format!("platen:\n  keep_out:\n    - {keep_out}\nparts_loaded:"));
+    let refused = platen("{ points_m: [[-0.05, 0.0]], radius_m: 0.05 }").unwrap_err().to_string();
+    assert!(refused.contains("platen: keep_out[0] lies over the place where feeder feeds"), "{refused}");
+    platen("{ points_m: [[0.0, 0.4]], radius_m: 0.05 }").unwrap();
+
+    let further = |x_m: f64| {
+        changed(
+            "parts_loaded:",
+            &format!("further_feeders:\n  - {{ name: feeder_2, x_m: {x_m}, y_m: 0.0 }}\nparts_loaded:"),
+        )
+    };
+    let refused = further(7.0).unwrap_err().to_string();
+    assert!(refused.contains("further_feeders: feeder_2.x_m = 7 is outside its range: "), "{refused}");
+    assert!(refused.contains("(courier.limits)"), "{refused}");
+}
+
+#[test]
 fn a_gripper_opens_for_the_part_and_needs_room_for_its_jaws() {
     let manipulator = |gripper: &str| {
         let scenario = changed("    y_m: 0.0\n", &format!("    y_m: 0.0\n{gripper}")).unwrap();

@@ -73,7 +73,7 @@ pub struct VisionSelector {
     /// Which warnings were in force last, so that each is said once.
     warned: [bool; WARNINGS],
     /// When an image came last, and how long none may come.
-    seen_tick: u64,
+    seen_tick: Option<u64>,
     patience_ticks: u64,
 }
 
@@ -137,7 +137,7 @@ impl FeederNode for VisionSelector {
                 .unwrap_or(1),
             fault: None,
             warned: [false; WARNINGS],
-            seen_tick: 0,
+            seen_tick: None,
             patience_ticks: SILENT_PERIODS * period_ticks + SLACK_TICKS,
         })
     }
@@ -171,7 +171,7 @@ impl FeederNode for VisionSelector {
             ImagePort::Raw(port) => io.take(port).into_iter().map(Frame::Raw).collect(),
         };
         if !arrived.is_empty() {
-            self.seen_tick = io.tick();
+            self.seen_tick = Some(io.tick());
         }
         self.waiting.extend(arrived.into_iter().map(|image| (now_ns, image)));
         // What comes later waits too: parts are followed in order of time.
@@ -180,8 +180,9 @@ impl FeederNode for VisionSelector {
         }) {
             self.select(io, &image);
         }
-        if io.tick() > self.seen_tick + self.patience_ticks {
-            self.tell(io, Some(LookError::Silent));
+        if io.tick() > self.seen_tick.unwrap_or(0) + self.patience_ticks {
+            let why = if self.seen_tick.is_some() { LookError::Silent } else { LookError::NeverSeen };
+            self.tell(io, Some(why));
         }
         if io.tick().is_multiple_of(self.diagnostics_ticks.max(1)) {
             self.publish_diagnostics(io);

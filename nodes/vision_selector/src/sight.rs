@@ -60,6 +60,8 @@ impl Frame {
 pub(crate) enum LookError {
     #[error("the camera has stopped: no image for {SILENT_PERIODS} periods")]
     Silent,
+    #[error("no image has come yet: is there a camera, and on this topic?")]
+    NeverSeen,
     #[error(transparent)]
     Pose(#[from] NoPose),
     #[error("the image cannot be decoded: {0}")]

@@ -131,8 +131,8 @@ pub enum Failure {
 /// What an operator should know of.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum Warning {
-    /// Feeding brings no fitting part.
-    #[error("no fitting part since {0:?}: load parts or check the class asked for")]
+    /// Feeding has brought no fitting part for so long.
+    #[error("no fitting part for {0:?}: load parts or check the class asked for")]
     Starved(Duration),
     /// The courier driver says that it does not feed as it should.
     #[error("the courier says: {0}")]

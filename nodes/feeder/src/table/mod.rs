@@ -1,9 +1,11 @@
 //! The nodes this executable can be.
 
-use feeder_runtime::launch::{Recorded, Seat, full_name, interface, replay, run_in_loop};
+use feeder_runtime::launch::{Recorded, Seat, full_name, interface, parameters, replay, run_in_loop};
 use feeder_runtime::lockstep::{LoopContract, RunError};
 use feeder_runtime::node::{FeederNode, Interface, NodeError};
+use feeder_runtime::parameters::Declaration;
 use feeder_scenario::plan::{NodeConfig, PlannedNode, RunPlan, load_node};
+use run_monitor::RunMonitor;
 
 /// Runs a node of a run alone for so many ticks: what it hears, which topics are wanted, and where they go.
 pub(crate) type Replay = fn(
@@ -21,6 +23,8 @@ pub(crate) struct NodeEntry {
     pub(crate) name: &'static str,
     /// Its ports.
     pub(crate) interface: fn(&PlannedNode) -> Result<Interface, NodeError>,
+    /// Its parameters.
+    parameters: fn(&PlannedNode) -> Result<Vec<Declaration>, NodeError>,
     /// Runs it in a loop.
     pub(crate) run: fn(&Seat, &PlannedNode) -> Result<(), RunError>,
     /// Runs it alone on what a run recorded.
@@ -38,12 +42,24 @@ const fn entry<N: FeederNode<Config: NodeConfig>>() -> NodeEntry {
     NodeEntry {
         name: N::NAME,
         interface: |planned| interface::<N>(&planned.namespace, config(planned)?).map_err(NodeError::new),
+        parameters: |planned| parameters::<N>(config(planned)?),
         run: |seat, planned| run_in_loop::<N>(seat, config(planned).map_err(RunError::Node)?),
         replay: |contract, planned, ticks, recorded, wanted, publish| {
             replay::<N>(contract, &planned.namespace, config(planned)?, ticks, recorded, wanted, publish)
         },
         main: |arguments| feeder_runtime::main_with::<N, _>(load_node, arguments),
     }
+}
+
+/// The parameters that a planned node declares, besides those that every node has.
+///
+/// # Errors
+/// When its configuration cannot be written as JSON.
+pub fn parameters_of(planned: &PlannedNode) -> Result<Vec<Declaration>, NodeError> {
+    let monitor = entry::<RunMonitor>();
+    let entry = NODES.iter().chain([&monitor]).find(|entry| entry.name == planned.node.kind());
+    let entry = entry.ok_or_else(|| NodeError::new(format!("there is no kind of node {}", planned.node.kind())))?;
+    (entry.parameters)(planned)
 }
 
 /// Full name of a planned node.

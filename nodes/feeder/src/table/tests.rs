@@ -3,10 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use feeder_runtime::launch::parameters;
 use feeder_runtime::node::{Declare, Latency, Port, PortKind};
-use feeder_runtime::parameters::Declaration;
-use feeder_scenario::plan::{OverheadManipulatorConfig, PartSimulatorConfig, PlannedConfig, load_plan};
+use feeder_scenario::plan::{OverheadManipulatorConfig, PartSimulatorConfig, load_plan};
 use feeder_wire::{nodes, services, topics};
 use minifactory_msgs::interface::standard::DIAGNOSTICS;
 use minifactory_msgs::interface::{Entry, EntryKind, Qos};
@@ -18,24 +16,11 @@ fn three_feeders() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch_configs/three_feeders.yaml")
 }
 
-fn parameters_of(planned: &PlannedConfig) -> Result<Vec<Declaration>, NodeError> {
-    match planned {
-        PlannedConfig::WaveformGenerator(config) => parameters::<waveform_generator::WaveformGenerator>(config),
-        PlannedConfig::CourierDriver(config) => parameters::<courier_driver::CourierDriver>(config),
-        PlannedConfig::PartSimulator(config) => parameters::<part_simulator::PartSimulator>(config),
-        PlannedConfig::VisionSelector(config) => parameters::<vision_selector::VisionSelector>(config),
-        PlannedConfig::DeliveryPlanner(config) => parameters::<delivery_planner::DeliveryPlanner>(config),
-        PlannedConfig::OverheadManipulator(config) => parameters::<overhead_manipulator::OverheadManipulator>(config),
-        PlannedConfig::PlatenArbiter(config) => parameters::<platen_arbiter::PlatenArbiter>(config),
-        PlannedConfig::RunMonitor(config) => parameters::<run_monitor::RunMonitor>(config),
-    }
-}
-
 #[test]
 fn every_parameter_of_every_node_is_described() {
     for plan in [load_plan(None).unwrap(), load_plan(Some(&three_feeders())).unwrap()] {
         for planned in &plan.nodes {
-            let declared = parameters_of(&planned.node).unwrap();
+            let declared = parameters_of(planned).unwrap();
             assert!(declared.iter().any(|declaration| declaration.name == "tick_ms"));
             let bare = declared.iter().filter(|declaration| declaration.description.is_empty());
             let bare: Vec<_> = bare.map(|declaration| &declaration.name).collect();

@@ -111,6 +111,12 @@ fn parts(count: f64, mass_g: f64) -> Load {
     Load { mass_kg, inertia_kg_m2: mass_kg * 0.085 * 0.085 }
 }
 
+/// That none of these motors is called so.
+pub(crate) fn unknown(name: &str, plants: &[Plant]) -> String {
+    let names: Vec<&str> = plants.iter().map(|plant| plant.name.as_str()).collect();
+    format!("no motor's name contains {name:?}; there are {}", names.join(", "))
+}
+
 /// Variations of `base`, the rows of the table in `docs/concepts/learning_control.md`.
 #[must_use]
 pub fn plants(base: MotorParameters) -> Vec<Plant> {

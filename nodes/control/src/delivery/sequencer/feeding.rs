@@ -34,7 +34,7 @@ impl DeliverySequencer {
             return self.fail(now, Failure::NoImage);
         }
         if !starved && late(now, since, self.config.starvation_s) {
-            self.outputs.push(Output::Warning(Warning::Starved(since)));
+            self.outputs.push(Output::Warning(Warning::Starved(now.saturating_sub(since))));
             return self.enter(SequencerState::Feeding { since, starved: true }, None);
         }
         let Some(frame) = self.frame.clone().filter(|frame| frame.stamp > since && self.fed_frame < Some(frame.stamp))
