@@ -10,20 +10,28 @@ use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
 
 use crate::common::{feeder, lab};
 
-const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
+pub(crate) const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 /// What a visitor reads in a minute.
 const README_BYTES_MAX: usize = 6 * 1024;
 /// Blocks of these words are typed as they stand, one after another, in a folder where the clone's folders are.
-const TRIED: &str = "sh run";
+pub(crate) const TRIED: &str = "sh run";
+/// Typed once for each release, in a fresh clone: what builds, and what a page begins with.
+pub(crate) const CLEAN: &str = "sh clean";
+/// Typed once for each release, because it takes long or needs the release build.
+pub(crate) const RELEASE: &str = "sh release";
+/// Typed once for each release, and ended with Ctrl-C.
+pub(crate) const LIVE: &str = "sh live";
+/// Not typed; [CONTRIBUTING](../docs/CONTRIBUTING.md) says why.
+const NOT_TYPED: &[&str] = &["sh suite", "sh ros2", "sh hosts", "sh own"];
 /// Folders of the clone that a page may use; all else that it writes is its own.
 const CLONE: &[&str] = &["launch_configs", "bags", "docs"];
 
 /// A page, with what is in it.
-struct Page {
+pub(crate) struct Page {
     /// From the top level.
-    path: PathBuf,
+    pub(crate) path: PathBuf,
     /// Fenced blocks: what stands behind the fence, and the text.
-    blocks: Vec<(String, String)>,
+    pub(crate) blocks: Vec<(String, String)>,
     /// Code within lines.
     codes: Vec<String>,
     links: Vec<String>,
@@ -43,7 +51,7 @@ fn anchor(heading: &str) -> String {
     heading.trim().chars().filter_map(letter).collect()
 }
 
-fn page(path: &Path) -> Page {
+pub(crate) fn page(path: &Path) -> Page {
     let text = std::fs::read_to_string(Path::new(ROOT).join(path)).unwrap();
     let mut page = Page {
         path: path.to_owned(),
@@ -87,7 +95,7 @@ fn page(path: &Path) -> Page {
 }
 
 /// Every page that is in the repository or about to be.
-fn pages() -> Vec<Page> {
+pub(crate) fn pages() -> Vec<Page> {
     let listed = Command::new("git")
         .args(["ls-files", "--cached", "--others", "--exclude-standard", "*.md"])
         .current_dir(ROOT)
@@ -149,6 +157,17 @@ fn the_book_has_every_page_once() {
 }
 
 #[test]
+fn every_result_has_its_command() {
+    let text = std::fs::read_to_string(Path::new(ROOT).join("docs/results.md")).unwrap();
+    let rows: Vec<&str> = text.lines().filter(|line| line.starts_with("| ") && !line.starts_with("| What |")).collect();
+    assert!(rows.len() > 20, "{} rows", rows.len());
+    for row in rows {
+        let command = row.trim_end_matches(" |").rsplit(" | ").next().unwrap();
+        assert!(command.contains('`') || command == "the same", "no command: {row}");
+    }
+}
+
+#[test]
 fn the_readme_is_read_in_a_minute() {
     let bytes = std::fs::read(Path::new(ROOT).join("README.md")).unwrap().len();
     assert!(bytes <= README_BYTES_MAX, "{bytes} bytes of at most {README_BYTES_MAX}");
@@ -166,6 +185,9 @@ fn words_of_ours(line: &str) -> Option<Vec<String>> {
     let end = words.iter().position(|word| [">", ">>", "2>", "&&", "||", ";", "&"].contains(&word.as_str()));
     words.truncate(end.unwrap_or(words.len()));
     let through_cargo = words.iter().take(6).position(|word| word == "--").filter(|_| words[0] == "cargo");
+    if words.first().is_some_and(|word| word == "cargo") && words.iter().any(|word| word == "--example") {
+        return None;
+    }
     if let Some(dashes) = through_cargo {
         let name = if words[..dashes].iter().any(|word| word == "feeder_lab") { "feeder-lab" } else { "feeder" };
         words.drain(..=dashes);
@@ -217,6 +239,24 @@ fn every_command_is_one_of_this_version() {
     }
     assert!(stale.is_empty(), "{stale:#?}");
     assert!(seen > 50, "only {seen} commands were found");
+}
+
+#[test]
+fn every_block_says_when_it_is_typed() {
+    let contributing = std::fs::read_to_string(Path::new(ROOT).join("docs/CONTRIBUTING.md")).unwrap();
+    let marks: Vec<&str> = [TRIED, CLEAN, RELEASE, LIVE].iter().chain(NOT_TYPED).copied().collect();
+    for mark in &marks {
+        assert!(contributing.contains(&format!("| `{mark}` |")), "CONTRIBUTING says nothing of {mark}");
+    }
+    for page in pages() {
+        for (words, text) in page.blocks.iter().filter(|(words, _)| words.split(' ').next() == Some("sh")) {
+            assert!(
+                marks.contains(&words.as_str()),
+                "{}: `{words}` is none of {marks:?}:\n{text}",
+                page.path.display()
+            );
+        }
+    }
 }
 
 /// Types the tried blocks of a page, each after the other, as a user who stands in the clone.

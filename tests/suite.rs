@@ -20,6 +20,7 @@ mod peers;
 mod picking;
 mod pictures;
 mod reference;
+mod release;
 mod system;
 mod tidy;
 mod top;
