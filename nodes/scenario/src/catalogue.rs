@@ -2,6 +2,7 @@
 
 use thiserror::Error;
 
+use crate::error::yaml_problem;
 use crate::source::Source;
 use feeder_model::geometry::ShapeError;
 use feeder_model::part::{PartSpec, PartType, PartTypeError};
@@ -119,5 +120,5 @@ impl PartSource {
 
 fn spec_from_yaml(name: &str, text: &str) -> Result<PartSpec, PartSourceError> {
     serde_saphyr::from_str(text)
-        .map_err(|error| PartSourceError::Yaml { name: name.to_owned(), message: error.to_string() })
+        .map_err(|error| PartSourceError::Yaml { name: name.to_owned(), message: yaml_problem(&error) })
 }

@@ -18,6 +18,34 @@ pub enum ScenarioError {
     },
 }
 
+/// What YAML types are called where one is wrong, and what is allowed there.
+const KINDS: [(&str, &str); 5] = [
+    ("invalid u32", "not a whole number from 0 to 4294967295"),
+    ("invalid u64", "not a whole number from 0 to 18446744073709551615"),
+    ("invalid usize", "not a whole number of 0 or more"),
+    ("invalid f64", "not a number"),
+    ("invalid bool", "neither true nor false"),
+];
+
+/// What is wrong with a text: the place, the reason once, and the lines about it.
+pub(crate) fn yaml_problem(error: &serde_saphyr::Error) -> String {
+    let mut said = error.to_string();
+    for (kind, allowed) in KINDS {
+        said = said.replace(kind, allowed);
+    }
+    let mut lines = said.lines();
+    let first = lines.next().unwrap_or_default();
+    let mut problem = first.strip_prefix("error: ").unwrap_or(first).to_owned();
+    for line in lines.filter(|line| !line.trim_start().starts_with("-->")) {
+        // Under the wrong word the reason stands again.
+        let pointer = line.trim_start().strip_prefix('|').is_some_and(|rest| rest.trim_start().starts_with('^'));
+        let end = if pointer { line.find('^').map_or(line.len(), |at| at + 1) } else { line.len() };
+        problem += "\n";
+        problem += line[..end].trim_end();
+    }
+    problem
+}
+
 /// A complaint about a section.
 pub(crate) fn invalid(section: &'static str, problem: &impl fmt::Display) -> ScenarioError {
     ScenarioError::Invalid { section, problem: problem.to_string() }

@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 pub use catalogue::{PartSource, PartSourceError, catalogue_names};
 pub use cell::{FurtherFeeder, PlatenSection, Recipe};
 pub use error::ScenarioError;
-use error::invalid;
+use error::{invalid, yaml_problem};
 use feeder_control::courier::CourierConfig;
 use feeder_control::delivery::DeliveryConfig;
 use feeder_model::camera::MountedTray;
@@ -154,14 +154,14 @@ impl Scenario {
     /// # Errors
     /// A text that is no such model, or one of another part.
     pub fn teach(&mut self, model: &str) -> Result<(), ScenarioError> {
-        let model = serde_saphyr::from_str(model).map_err(|error| invalid("part_model", &error))?;
+        let model = serde_saphyr::from_str(model).map_err(|error| invalid("part_model", &yaml_problem(&error)))?;
         self.part_model = Some(Source::Here(Box::new(model)));
         self.validate()
     }
 
     fn parse(yaml: &str) -> Result<Self, ScenarioError> {
         moved::check(yaml)?;
-        serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(error.to_string()))
+        serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(yaml_problem(&error)))
     }
 
     fn load_and_check(mut self, read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>) -> Result<Self, ScenarioError> {
@@ -212,5 +212,5 @@ fn read_model(name: &str, read: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>)
         Err(_) if name == MODEL_FILE.0 => MODEL_FILE.1.to_owned(),
         Err(problem) => return Err(refused(problem)),
     };
-    serde_saphyr::from_str(&text).map_err(|error| refused(error.to_string()))
+    serde_saphyr::from_str(&text).map_err(|error| refused(yaml_problem(&error)))
 }

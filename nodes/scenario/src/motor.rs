@@ -5,6 +5,7 @@ use feeder_model::range::OutOfRange;
 use feeder_sim::motor::{MotorParameters, SimulatedMotor};
 
 use crate::Source;
+use crate::error::yaml_problem;
 
 /// The assumed motor as it stands in a file, each value marked as published or assumed.
 const ASSUMED: &str = include_str!("../../../launch_configs/plants/assumed.yaml");
@@ -31,7 +32,7 @@ impl MotorSource {
             )
         };
         let text = String::from_utf8(read(name).map_err(problem)?).map_err(|error| problem(error.to_string()))?;
-        let values = serde_saphyr::from_str(&text).map_err(|error| problem(error.to_string()))?;
+        let values = serde_saphyr::from_str(&text).map_err(|error| problem(yaml_problem(&error)))?;
         *self = Self::Here(Box::new(values));
         Ok(())
     }

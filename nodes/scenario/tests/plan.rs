@@ -198,6 +198,17 @@ fn changed(written: &str, changed: &str) -> Result<Scenario, feeder_scenario::Sc
 }
 
 #[test]
+fn a_value_or_a_key_that_is_wrong_is_told_once_with_what_is_allowed() {
+    let refused = |written: &str, wrong: &str| changed(written, wrong).unwrap_err().to_string();
+    let count = refused("parts_loaded: 20", "parts_loaded: -3");
+    assert!(count.contains("not a whole number from 0 to 4294967295"), "{count}");
+    assert!(count.contains("parts_loaded: -3") && count.starts_with("line "), "{count}");
+    let key = refused("parts_loaded: 20", "parts_looaded: 20");
+    assert!(key.contains("parts_looaded"), "{key}");
+    assert_eq!(key.matches("further_feeders").count(), 1, "{key}");
+}
+
+#[test]
 fn feeders_stand_on_the_platen_where_nothing_is_kept_out() {
     let platen =
         |keep_out: &str| changed("parts_loaded:", &format!("platen:\n  keep_out:\n    - {keep_out}\nparts_loaded:"));

@@ -10,6 +10,7 @@ mod resolve;
 
 use serde::{Deserialize, Serialize};
 
+use crate::error::yaml_problem;
 use crate::{RunSection, ScenarioError, TimeSection};
 
 pub use kinds::{NodeConfig, PlannedConfig};
@@ -62,7 +63,7 @@ impl RunPlan {
     /// # Errors
     /// A text that is no plan, or a value out of range.
     pub fn from_yaml(yaml: &str) -> Result<Self, ScenarioError> {
-        let plan: Self = serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(error.to_string()))?;
+        let plan: Self = serde_saphyr::from_str(yaml).map_err(|error| ScenarioError::Yaml(yaml_problem(&error)))?;
         plan.check()?;
         Ok(plan)
     }
