@@ -34,6 +34,9 @@ pub struct Qos {
     /// acknowledged: then publishing is refused. Memory is `backlog` times the size of a sample in a
     /// reader, and in a reliable writer up to four seconds' worth of what it published.
     pub backlog: u16,
+    /// How long a sample is good for after it was published, seconds, as announced to peers, who drop older ones; `None`
+    /// for ever.
+    pub lifespan_s: Option<u16>,
 }
 
 /// Why a reader does not match a writer.
@@ -58,33 +61,63 @@ impl Qos {
     /// Streams of which only the newest counts: raw images, ground truth, copies for onlookers.
     #[must_use]
     pub const fn sensor() -> Self {
-        Self { reliability: Reliability::BestEffort, durability: Durability::Volatile, depth: 5, backlog: 8 }
+        Self {
+            reliability: Reliability::BestEffort,
+            durability: Durability::Volatile,
+            depth: 5,
+            backlog: 8,
+            lifespan_s: None,
+        }
     }
 
     /// Ordinary topics: commands, states, detections, compressed images.
     #[must_use]
     pub const fn command() -> Self {
-        Self { reliability: Reliability::Reliable, durability: Durability::Volatile, depth: 10, backlog: 256 }
+        Self {
+            reliability: Reliability::Reliable,
+            durability: Durability::Volatile,
+            depth: 10,
+            backlog: 256,
+            lifespan_s: None,
+        }
     }
 
     /// What is published rarely and holds until replaced: waveform, descriptions, fact sheets.
     /// A late reader gets up to `backlog` of the last values, oldest first: take the newest.
     #[must_use]
     pub const fn latched() -> Self {
-        Self { reliability: Reliability::Reliable, durability: Durability::TransientLocal, depth: 1, backlog: 16 }
+        Self {
+            reliability: Reliability::Reliable,
+            durability: Durability::TransientLocal,
+            depth: 1,
+            backlog: 16,
+            lifespan_s: None,
+        }
     }
 
     /// Requests and replies of services, parameters included. A client that has crashed acknowledges nothing until it is
     /// known to be gone, which takes up to 20 s: replies to others must find room meanwhile.
     #[must_use]
     pub const fn service() -> Self {
-        Self { reliability: Reliability::Reliable, durability: Durability::Volatile, depth: 10, backlog: 2_048 }
+        Self {
+            reliability: Reliability::Reliable,
+            durability: Durability::Volatile,
+            depth: 10,
+            backlog: 2_048,
+            lifespan_s: None,
+        }
     }
 
     /// Topics of the simulation loop, whose engine bounds what is in flight to less than `backlog`.
     #[must_use]
     pub const fn loop_edge() -> Self {
-        Self { reliability: Reliability::Reliable, durability: Durability::Volatile, depth: 64, backlog: 256 }
+        Self {
+            reliability: Reliability::Reliable,
+            durability: Durability::Volatile,
+            depth: 64,
+            backlog: 256,
+            lifespan_s: None,
+        }
     }
 
     /// Checks that a writer that offers this matches a reader that asks for `reliability` and `durability`, by the rule

@@ -22,13 +22,10 @@ pub const DIAGNOSTICS: TopicSpec<DiagnosticArray> = TopicSpec::new(GLOBAL, "diag
     "Once a second: how courier and selector fare; what each node's endpoints have lost or refused",
 );
 
-/// What nodes log. Late readers get up to a thousand earlier lines, as rcl does it.
-pub const ROSOUT: TopicSpec<Log> = TopicSpec::new(
-    GLOBAL,
-    "rosout",
-    Qos { depth: 1_000, backlog: 1_000, ..Qos::latched() },
-)
-.between(&[EVERY_NODE], &[User::Outside("viewers")], "What the nodes log, with level and place in the code");
+/// What nodes log. Late readers get up to a thousand lines of the last ten seconds, as rcl does it.
+pub const ROSOUT: TopicSpec<Log> =
+    TopicSpec::new(GLOBAL, "rosout", Qos { depth: 1_000, backlog: 1_000, lifespan_s: Some(10), ..Qos::latched() })
+        .between(&[EVERY_NODE], &[User::Outside("viewers")], "What the nodes log, with level and place in the code");
 
 /// Changes of parameters.
 pub const PARAMETER_EVENTS: TopicSpec<ParameterEvent> = TopicSpec::new(

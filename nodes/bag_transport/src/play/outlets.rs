@@ -114,5 +114,6 @@ fn offered(topic: &Topic, settings: &PlaySettings) -> Qos {
         // Discovery did not tell the recorder how deep the history was: ROS's default then.
         depth: if depth == 0 { 10 } else { depth },
         backlog: BACKLOG,
+        lifespan_s: None,
     }
 }

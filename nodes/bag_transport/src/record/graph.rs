@@ -293,6 +293,7 @@ fn weakest(writers: &[Endpoint]) -> Qos {
         durability: if durable { Durability::TransientLocal } else { Durability::Volatile },
         depth: 64,
         backlog: READER_BACKLOG,
+        lifespan_s: None,
     }
 }
 

@@ -26,20 +26,22 @@ const VERSION_AND_VENDOR: [u8; 4] = [2, 4, 0x01, 0x12];
 /// Little-endian CDR.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
-mod submessage {
-    pub(super) const INFO_TS: u8 = 0x09;
-    pub(super) const INFO_DST: u8 = 0x0e;
-    pub(super) const DATA: u8 = 0x15;
-    pub(super) const LITTLE_ENDIAN: u8 = 0x01;
-    pub(super) const INLINE_QOS: u8 = 0x02;
-    pub(super) const WITH_DATA: u8 = 0x04;
+pub(super) mod submessage {
+    pub(in super::super) const INFO_TS: u8 = 0x09;
+    pub(in super::super) const INFO_DST: u8 = 0x0e;
+    pub(in super::super) const DATA: u8 = 0x15;
+    pub(in super::super) const LITTLE_ENDIAN: u8 = 0x01;
+    pub(in super::super) const INLINE_QOS: u8 = 0x02;
+    pub(in super::super) const WITH_DATA: u8 = 0x04;
 }
 
-mod parameter {
-    pub(super) const SENTINEL: u16 = 0x0001;
-    pub(super) const RELATED_SAMPLE_IDENTITY: u16 = 0x0083;
+pub(super) mod parameter {
+    pub(in super::super) const SENTINEL: u16 = 0x0001;
+    pub(in super::super) const KEY_HASH: u16 = 0x0070;
+    pub(in super::super) const STATUS_INFO: u16 = 0x0071;
+    pub(in super::super) const RELATED_SAMPLE_IDENTITY: u16 = 0x0083;
     /// What Fast DDS and others called it before it had a number.
-    pub(super) const RELATED_SAMPLE_IDENTITY_CUSTOM: u16 = 0x800f;
+    pub(in super::super) const RELATED_SAMPLE_IDENTITY_CUSTOM: u16 = 0x800f;
 }
 
 /// A sample that is about to be written, and the reader that must have it whole.
@@ -69,9 +71,7 @@ impl WholeSample<'_> {
             return Err(TooLarge { bytes: self.body.len() });
         }
         let mut to = BytesMut::with_capacity(self.body.len() + 256);
-        to.put_slice(b"RTPS");
-        to.put_slice(&VERSION_AND_VENDOR);
-        to.put_slice(&self.writer.participant());
+        put_header(&mut to, self.writer);
 
         put_head(&mut to, submessage::INFO_DST, submessage::LITTLE_ENDIAN, 12);
         to.put_slice(&self.reader.participant());
@@ -105,14 +105,22 @@ impl WholeSample<'_> {
     }
 }
 
-fn put_head(to: &mut BytesMut, kind: u8, flags: u8, bytes: u16) {
+/// What every message of a participant begins with; `of` is it or one of its endpoints.
+pub(super) fn put_header(to: &mut BytesMut, of: Guid) {
+    to.put_slice(b"RTPS");
+    to.put_slice(&VERSION_AND_VENDOR);
+    to.put_slice(&of.participant());
+}
+
+/// The head of a submessage of so many bytes; 0 for the last one, which ends with the datagram.
+pub(super) fn put_head(to: &mut BytesMut, kind: u8, flags: u8, bytes: u16) {
     to.put_u8(kind);
     to.put_u8(flags);
     to.put_u16_le(bytes);
 }
 
 /// A sequence number, high half first; −1 and 0 stand for an unknown one.
-fn put_sequence(to: &mut BytesMut, sequence: Option<i64>) {
+pub(super) fn put_sequence(to: &mut BytesMut, sequence: Option<i64>) {
     let bytes = sequence.unwrap_or(-1 << 32).to_le_bytes();
     to.put_slice(&bytes[4..]);
     to.put_slice(&bytes[..4]);

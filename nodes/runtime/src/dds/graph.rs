@@ -87,6 +87,22 @@ pub(super) fn reader_addresses(participant: &DomainParticipant, reader: Guid) ->
     locators.filter(|locator| locator.is_udp()).map(|locator| SocketAddr::from(*locator)).collect()
 }
 
+/// Where the endpoints that `wanted` picks get their messages.
+pub(super) fn addresses(participant: &DomainParticipant, wanted: impl Fn(&Guid) -> bool) -> BTreeSet<SocketAddr> {
+    let (readers, writers) = (participant.discovered_readers(), participant.discovered_writers());
+    let of_readers =
+        readers.iter().map(|data| (data.reader_proxy.remote_reader_guid, &data.reader_proxy.unicast_locator_list));
+    let of_writers =
+        writers.iter().map(|data| (data.writer_proxy.remote_writer_guid, &data.writer_proxy.unicast_locator_list));
+    of_readers
+        .chain(of_writers)
+        .filter(|(guid, _)| wanted(&Guid::from(*guid)))
+        .flat_map(|(_, locators)| locators)
+        .filter(|locator| locator.is_udp())
+        .map(|locator| SocketAddr::from(*locator))
+        .collect()
+}
+
 /// Readers that have been discovered.
 pub(super) fn readers(participant: &DomainParticipant) -> Vec<Endpoint> {
     let describe = |data: &ros2_client::dds::rustdds::discovery::DiscoveredReaderData| {

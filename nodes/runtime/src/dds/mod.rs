@@ -32,6 +32,7 @@ mod domain;
 mod drain;
 mod error;
 mod executor;
+mod farewell;
 mod graph;
 mod lull;
 mod names;

@@ -5,7 +5,6 @@ use std::{
     fmt,
     net::Ipv4Addr,
     sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
-    time::Duration,
 };
 
 use ros2_client::{
@@ -21,6 +20,7 @@ use ros2_client::{
 use super::{
     DdsError, DiscoveryRange, Domain, Graph, Guid, NodeName, SOCKET_BUFFER_BYTES,
     executor::{Executor, Spawner, Task as BackgroundTask},
+    farewell::Farewell,
     graph::{self, Nodes},
     lull::Lull,
     raw::{Raw, RawAdapter},
@@ -33,20 +33,6 @@ use super::{
 #[derive(Clone)]
 pub struct Participant {
     pub(super) inner: Arc<Inner>,
-}
-
-/// How long a participant stays after its last endpoint has gone. The DDS library stops its sending thread without
-/// looking whether it has sent everything, and on a busy machine it has not: what is lost then stays on the graph as a
-/// ghost for most of a minute.
-const FAREWELL: Duration = Duration::from_millis(30);
-
-/// Lets the goodbyes of what was dropped before it be sent.
-struct Farewell;
-
-impl Drop for Farewell {
-    fn drop(&mut self) {
-        std::thread::sleep(FAREWELL);
-    }
 }
 
 /// Fields are dropped in this order: first the thread with the readers it drains, the participant last.
@@ -130,7 +116,7 @@ impl Participant {
             name: node.clone(),
             domain: *domain,
             tally: Tally::default(),
-            _farewell: Farewell,
+            _farewell: Farewell::of(&domain_participant),
             domain_participant,
         };
         inner.announcement().publish(true);

@@ -19,6 +19,10 @@ pub(super) fn policies_of(qos: Qos) -> QosPolicies {
             Durability::Volatile => policy::Durability::Volatile,
             Durability::TransientLocal => policy::Durability::TransientLocal,
         });
+    let builder = match qos.lifespan_s {
+        Some(s) => builder.lifespan(policy::Lifespan { duration: Duration::from_secs(s.into()) }),
+        None => builder,
+    };
     match qos.reliability {
         // Announced as ROS 2 announces it; publishing here never waits.
         Reliability::Reliable => builder.reliable(Duration::from_millis(100)),
