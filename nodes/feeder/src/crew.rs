@@ -11,6 +11,7 @@ use anyhow::{Context as _, bail};
 use feeder_runtime::dds::{DiscoveryRange, Domain};
 use feeder_runtime::launch::Seat;
 use feeder_runtime::lockstep::{LoopContract, RunError};
+use feeder_runtime::patience::{Patience, share_of_machine};
 use feeder_scenario::plan::RunPlan;
 
 use crate::table::{name_of, placed};
@@ -18,10 +19,31 @@ use crate::table::{name_of, placed};
 /// A node running in a thread of this process.
 pub(crate) type NodeThread = JoinHandle<Result<(), RunError>>;
 
+/// How long a node's process may be stopped before the run is ended: unlike one that a busy machine keeps waiting, it
+/// does not go on by itself.
+const STOPPED_LIMIT: Duration = Duration::from_secs(2);
+
 /// The nodes of a run, whichever way they live.
 pub(crate) enum Crew {
     Threads(Vec<(String, Option<NodeThread>)>),
-    Processes { children: Vec<(String, Child)>, lines: Receiver<String> },
+    Processes { children: Vec<NodeProcess>, lines: Receiver<String> },
+}
+
+/// A node running as a process.
+pub(crate) struct NodeProcess {
+    name: String,
+    child: Child,
+    /// Since when it has been seen stopped.
+    stopped_at: Option<Instant>,
+}
+
+/// How long nodes may take to leave.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Leave {
+    /// Long, and longer on a busy machine: the run has ended well and so should they.
+    InOrder,
+    /// Short: one of them may hang, and the user waits for the reason.
+    AtOnce,
 }
 
 impl Crew {
@@ -73,7 +95,7 @@ impl Crew {
                 .spawn()
                 .with_context(|| format!("cannot start {name}"))?;
             forward_lines(&mut child, &sender)?;
-            children.push((name, child));
+            children.push(NodeProcess { name, child, stopped_at: None });
         }
         Ok(Self::Processes { children, lines })
     }
@@ -107,24 +129,26 @@ impl Crew {
                 }
             }
             Self::Processes { children, .. } => {
-                for (name, child) in children {
-                    if let Ok(Some(status)) = child.try_wait() {
-                        return Err(format!("{name} is gone ({status})"));
-                    }
+                for process in children {
+                    process.check()?;
                 }
             }
         }
         Ok(())
     }
 
-    /// Waits until every node has left, at most for `limit`; processes that stay longer are killed.
+    /// Waits until every node has left; processes that stay too long are killed.
     ///
     /// # Errors
     /// The names of the nodes that failed or had to be killed.
-    pub(crate) fn finish(mut self, limit: Duration, mut line: impl FnMut(&str)) -> anyhow::Result<()> {
-        let deadline = Instant::now() + limit;
+    pub(crate) fn finish(mut self, leave: Leave, mut line: impl FnMut(&str)) -> anyhow::Result<()> {
+        let (since, mut patience) = (Instant::now(), Patience::default());
+        let mut has_time = || match leave {
+            Leave::InOrder => patience.spent(since.elapsed(), share_of_machine) < Duration::from_secs(5),
+            Leave::AtOnce => since.elapsed() < Duration::from_secs(1),
+        };
         let mut failed = Vec::new();
-        while !self.all_gone() && Instant::now() < deadline {
+        while !self.all_gone() && has_time() {
             self.for_each_line(&mut line);
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -144,14 +168,14 @@ impl Crew {
                 }
             }
             Self::Processes { children, .. } => {
-                for (name, mut child) in children {
+                for NodeProcess { name, mut child, .. } in children {
                     match child.try_wait()? {
                         Some(status) if status.success() => {}
                         Some(status) => failed.push(format!("{name}: {status}")),
                         None => {
                             child.kill()?;
                             child.wait()?;
-                            failed.push(format!("{name} did not leave within {limit:?} and was killed"));
+                            failed.push(format!("{name} did not leave within {:?} and was killed", since.elapsed()));
                         }
                     }
                 }
@@ -166,10 +190,36 @@ impl Crew {
                 threads.iter().all(|(_, thread)| thread.as_ref().is_none_or(JoinHandle::is_finished))
             }
             Self::Processes { children, .. } => {
-                children.iter_mut().all(|(_, child)| !matches!(child.try_wait(), Ok(None)))
+                children.iter_mut().all(|process| !matches!(process.child.try_wait(), Ok(None)))
             }
         }
     }
+}
+
+impl NodeProcess {
+    /// Finds out whether the node is there and may run.
+    fn check(&mut self) -> Result<(), String> {
+        let Self { name, child, stopped_at } = self;
+        if let Ok(Some(status)) = child.try_wait() {
+            return Err(format!("{name} is gone ({status})"));
+        }
+        if !is_stopped(child.id()) {
+            *stopped_at = None;
+            return Ok(());
+        }
+        let since = *stopped_at.get_or_insert_with(Instant::now);
+        if since.elapsed() < STOPPED_LIMIT {
+            return Ok(());
+        }
+        Err(format!("{name} has been stopped for {:.1} s, as SIGSTOP does it", since.elapsed().as_secs_f64()))
+    }
+}
+
+/// Whether a signal has stopped a process; where the system does not tell, it is taken to run.
+fn is_stopped(process_id: u32) -> bool {
+    // The state comes after the name, which is in brackets and may hold any character.
+    let status = std::fs::read_to_string(format!("/proc/{process_id}/stat"));
+    status.is_ok_and(|text| text.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with('T')))
 }
 
 /// Hands the domain down in the variables that every ROS 2 program reads.

@@ -9,7 +9,7 @@ use anyhow::{Context as _, bail};
 use feeder_runtime::dds::{DiscoveryRange, Domain, NodeName, Participant};
 use feeder_runtime::digest::{self, Digest};
 use feeder_runtime::launch::{Seat, full_name, run_opened};
-use feeder_runtime::lockstep::{ClockRunner, Hub, LoopClock, LoopContract, LoopTiming, Speed};
+use feeder_runtime::lockstep::{ClockError, ClockRunner, Hub, LoopClock, LoopContract, LoopTiming, RunEnd, Speed};
 use feeder_runtime::node::{Declare, FeederNode, Interface, NodeError};
 use feeder_scenario::Scenario;
 use feeder_scenario::plan::{Loaded, RunMonitorConfig, RunPlan, load, named};
@@ -18,18 +18,16 @@ use feeder_view::{Place, Settings, Source};
 use feeder_wire::topics::CLOCK;
 use run_monitor::{Progress, RunMonitor};
 
-use crate::crew::{Crew, NodeThread};
+use crate::crew::{Crew, Leave, NodeThread};
 use crate::recording::{RecordOptions, Recording};
 use crate::summary::Summary;
 use crate::table::{name_of, placed};
 use crate::view::View;
 
-/// How long nodes may take to appear and connect, wall time.
+/// How long nodes may take to appear and connect, longer on a busy machine.
 const START_UP_LIMIT: Duration = Duration::from_secs(20);
-/// How long nodes may take to leave after the end, wall time.
-const SHUT_DOWN_LIMIT: Duration = Duration::from_secs(5);
-/// How long they may take after a failure: short, as one of them may hang and the user waits for the reason.
-const FAILED_SHUT_DOWN_LIMIT: Duration = Duration::from_secs(1);
+/// How often the nodes are started before the run is given up.
+const STARTS_MAX: u32 = 3;
 /// How long to listen for others in the domain before starting.
 const BUSY_CHECK: Duration = Duration::from_millis(600);
 
@@ -145,16 +143,45 @@ pub struct Ended {
 /// # Errors
 /// A domain that is taken, nodes that cannot be connected or started.
 pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow::Result<Ended> {
-    let started = Instant::now();
     for file in [&args.summary, &args.digest].into_iter().flatten() {
         refuse_lost(file)?;
     }
     let domain = domain(args)?;
-    let participant = Participant::open(&domain, &NodeName::new("/", "feeder_up")?)?;
+    let mut participant = Participant::open(&domain, &NodeName::new("/", "feeder_up")?)?;
     refuse_busy_domain(&participant, &domain, plan, stop)?;
     let on_screen = !args.plain && feeder_top::is_possible();
     let shown = (on_screen || args.view.is_some()).then(|| show(plan, args, domain)).transpose()?;
+    let mut starts = 1;
+    loop {
+        let Attempt { ended, not_up } = attempt(plan, args, stop, &participant, shown.as_ref())?;
+        let Some(why) = not_up.filter(|_| starts < STARTS_MAX && can_start_again(args)) else { return Ok(ended) };
+        starts += 1;
+        tracing::warn!("{why}; the nodes are started again: start {starts} of {STARTS_MAX}");
+        // What locked up may be its own participant.
+        participant = Participant::open(&domain, participant.node())?;
+    }
+}
 
+/// Nodes that have locked up as threads cannot be ended, and a bag cannot be begun twice.
+fn can_start_again(args: &UpArgs) -> bool {
+    !args.composed && args.recording.record.is_none()
+}
+
+/// A run, or the attempt at one.
+struct Attempt {
+    ended: Ended,
+    /// Why it never began: the nodes did not come up, although none of them said why.
+    not_up: Option<String>,
+}
+
+fn attempt(
+    plan: &RunPlan,
+    args: &UpArgs,
+    stop: &Arc<AtomicBool>,
+    participant: &Participant,
+    shown: Option<&feeder_view::View>,
+) -> anyhow::Result<Attempt> {
+    let (started, domain) = (Instant::now(), participant.domain());
     let contract = Arc::new(connect(plan)?);
     let work = tempfile::tempdir().context("cannot make a temporary folder")?;
     let digests = work.path().join("digests");
@@ -188,14 +215,15 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow:
     let speed = args.speed.unwrap_or(if args.view.is_some() { Speed::Paced(1.0) } else { Speed::Max });
     let clock = LoopClock::new(contract.as_ref().clone(), speed, end_tick, START_UP_LIMIT);
     let clock_digest = Digest::new(digest_dir.as_deref(), &CLOCK.name_in(""), &contract.shared_topics);
-    let mut clock = ClockRunner::open(&participant, &contract, hub.as_ref(), clock, clock_digest)?;
+    let mut clock = ClockRunner::open(participant, &contract, hub.as_ref(), clock, clock_digest)?;
     if let Some(socket) = record_to {
         clock.record_to(socket, &contract).context("cannot record /clock")?;
     }
-    let address = shown.as_ref().and_then(feeder_view::View::url);
+    let address = shown.and_then(feeder_view::View::url);
     let hint = address
         .map_or_else(|| "to see it live: feeder up --view".to_owned(), |address| format!("see it live at {address}"));
-    let watch = shown.as_ref().filter(|_| on_screen).and_then(feeder_view::View::watch);
+    let on_screen = !args.plain && feeder_top::is_possible();
+    let watch = shown.filter(|_| on_screen).and_then(feeder_view::View::watch);
     let screen = watch.map(|watch| Screen::open(watch, &hint, Arc::clone(stop))).transpose()?;
     let is_plain = screen.is_none();
     let mut view = View::new(end_tick, contract.timing.tick_ns, screen);
@@ -213,11 +241,10 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow:
     });
     let ended = Instant::now();
     left_early.store(result.is_err(), Ordering::Relaxed);
-    let limit = if result.is_ok() { SHUT_DOWN_LIMIT } else { FAILED_SHUT_DOWN_LIMIT };
-    let left = crew.finish(limit, |line| view.line(line));
+    let leave = if result.is_ok() { Leave::InOrder } else { Leave::AtOnce };
+    let left = crew.finish(leave, |line| view.line(line));
     let monitored = monitor.join();
     view.close();
-    drop(shown);
     let tick = clock.tick();
     let started_ticking = clock.started_at().unwrap_or(ended);
     let told = clock.finish().context("cannot keep the digest or the record of /clock");
@@ -226,6 +253,10 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow:
     let progress = progress.lock().unwrap_or_else(PoisonError::into_inner).clone();
     let (startup, wall) = (started_ticking - started, ended - started_ticking);
     let summary = Summary::new(&progress, arbitrated, tick, contract.timing.tick_ns, startup, wall);
+    let not_up = match &result {
+        Err(RunEnd::Clock(error @ ClockError::NotWired { .. })) => Some(error.to_string()),
+        _ => None,
+    };
     let outcome = || {
         // A recorder that fails ends the run: its reason comes first.
         recorded?;
@@ -244,7 +275,7 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow:
         Ok(())
     };
     let outcome = outcome();
-    Ok(Ended { summary, progress, outcome })
+    Ok(Attempt { ended: Ended { summary, progress, outcome }, not_up })
 }
 
 /// The scenario that `args` name, with what they put in its place.

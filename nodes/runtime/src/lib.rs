@@ -19,6 +19,7 @@ pub mod lockstep;
 mod logging;
 pub mod node;
 pub mod parameters;
+pub mod patience;
 mod program;
 mod public;
 pub mod recording;

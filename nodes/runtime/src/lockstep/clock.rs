@@ -6,8 +6,9 @@ use std::time::Duration;
 use minifactory_msgs::msg::{LoopGrant, LoopStatus};
 
 use super::contract::LoopContract;
+use crate::patience::Patience;
 
-/// Wall time without any progress after which a run is ended.
+/// Time without any progress after which a run is ended, as [`Patience`] counts it.
 pub const STALL_LIMIT: Duration = Duration::from_secs(3);
 /// Wall time without a word after which a node counts as silent. Live nodes report at least every 100 ms.
 const SILENCE_LIMIT: Duration = Duration::from_millis(1500);
@@ -75,7 +76,8 @@ pub struct LoopClock {
     granted_until: u64,
     end_tick: u64,
     slowest: u64,
-    progress_at: Duration,
+    /// The wait for the next progress.
+    patience: Patience,
 }
 
 impl LoopClock {
@@ -93,7 +95,7 @@ impl LoopClock {
             granted_until: 0,
             end_tick,
             slowest: 0,
-            progress_at: Duration::ZERO,
+            patience: Patience::default(),
         }
     }
 
@@ -190,7 +192,7 @@ impl LoopClock {
         let slowest = self.slowest_tick();
         if slowest > self.slowest {
             self.slowest = slowest;
-            self.progress_at = now;
+            self.patience = Patience::since(now);
         }
         Ok(())
     }
@@ -203,7 +205,7 @@ impl LoopClock {
             }
             self.started_at = Some(now);
             self.paced_from = (now, 0);
-            self.progress_at = now;
+            self.patience = Patience::since(now);
         }
         let window = self.contract.timing.window_ticks;
         let allowed = self.paused_at.unwrap_or_else(|| self.paced_tick(now));
@@ -218,28 +220,45 @@ impl LoopClock {
         }
         if self.granted_until == self.slowest && until > self.granted_until {
             // Waiting for the pace is no stall.
-            self.progress_at = now;
+            self.patience = Patience::since(now);
         }
         self.granted_until = self.granted_until.max(until);
         Some(self.last_grant())
     }
 
-    /// Checks that the loop lives.
+    /// Checks that the loop lives, as far as the machine lets it: `share` tells the share of it that a thread can
+    /// expect at present. To be called about every 100 ms.
     ///
     /// # Errors
     /// [`ClockError::NotWired`] or [`ClockError::Stalled`], naming the nodes at fault.
-    pub fn check(&self, now: Duration) -> Result<(), ClockError> {
-        if self.started_at.is_none() {
-            if now < self.start_up_limit {
-                return Ok(());
-            }
-            return Err(ClockError::NotWired { after: self.start_up_limit, missing: self.missing(now) });
-        }
-        let stalled_for = now.saturating_sub(self.progress_at);
-        if self.finished() || self.granted_until == self.slowest || stalled_for < STALL_LIMIT {
+    pub fn check(&mut self, now: Duration, share: impl FnOnce() -> f64) -> Result<(), ClockError> {
+        let limit = if self.started_at.is_none() { self.start_up_limit } else { STALL_LIMIT };
+        if self.rests() || self.patience.spent(now, share) < limit {
             return Ok(());
         }
-        Err(ClockError::Stalled { tick: self.slowest, stalled_for, culprits: self.culprits(now) })
+        let waited = self.patience.waited(now);
+        if self.started_at.is_none() {
+            return Err(ClockError::NotWired { after: waited, missing: self.missing(now) });
+        }
+        Err(ClockError::Stalled { tick: self.slowest, stalled_for: waited, culprits: self.culprits(now) })
+    }
+
+    /// Whom the loop waits for, and for how long already, where that is longer than a machine with time to spare takes.
+    #[must_use]
+    pub fn delay(&self, now: Duration) -> Option<(Duration, String)> {
+        let waited = self.patience.waited(now);
+        if self.rests() {
+            return None;
+        }
+        match self.started_at {
+            None => (waited >= self.start_up_limit).then(|| (waited, self.missing(now))),
+            Some(_) => (waited >= STALL_LIMIT).then(|| (waited, self.culprits(now))),
+        }
+    }
+
+    /// Whether nobody owes a tick.
+    fn rests(&self) -> bool {
+        self.started_at.is_some() && (self.finished() || self.granted_until == self.slowest)
     }
 
     fn slowest_tick(&self) -> u64 {
@@ -330,6 +349,23 @@ mod tests {
         }
     }
 
+    /// Looks every 100 ms from the last progress until `until`, on an idle machine.
+    fn check(clock: &mut LoopClock, until: Duration) -> Result<(), ClockError> {
+        check_with(clock, until, 1.0)
+    }
+
+    fn check_with(clock: &mut LoopClock, until: Duration, share: f64) -> Result<(), ClockError> {
+        let mut now = until.saturating_sub(clock.patience.waited(until));
+        while now < until {
+            now = (now + ms(100)).min(until);
+            if now == until {
+                break;
+            }
+            clock.check(now, || share)?;
+        }
+        clock.check(until, || share)
+    }
+
     const fn ms(ms: u64) -> Duration {
         Duration::from_millis(ms)
     }
@@ -365,7 +401,7 @@ mod tests {
         clock.accept(&status("b", 1), ms(1)).unwrap();
         assert_eq!(clock.grant(ms(5), false), None);
         assert_eq!(clock.grant(ms(25), false).unwrap().until_tick, 3);
-        assert_eq!(clock.check(ms(25)), Ok(()));
+        assert_eq!(check(&mut clock, ms(25)), Ok(()));
     }
 
     #[test]
@@ -406,7 +442,7 @@ mod tests {
         clock.set_paused(true, ms(2));
         reach(&mut clock, 32, ms(3));
         assert_eq!(clock.grant(ms(60_000), false), None);
-        assert_eq!(clock.check(ms(60_000)), Ok(()));
+        assert_eq!(check(&mut clock, ms(60_000)), Ok(()));
         assert!(clock.step(2));
         assert_eq!(clock.grant(ms(60_000), false).unwrap().until_tick, 34);
         assert_eq!(clock.grant(ms(60_001), false), None);
@@ -424,7 +460,7 @@ mod tests {
         assert_eq!(clock.grant(ms(70_000), false), None, "another speed does not end the pause");
         clock.set_paused(false, ms(80_000));
         assert_eq!(clock.grant(ms(80_015), false).unwrap().until_tick, 135);
-        assert_eq!(clock.check(ms(80_015)), Ok(()));
+        assert_eq!(check(&mut clock, ms(80_015)), Ok(()));
     }
 
     #[test]
@@ -434,7 +470,7 @@ mod tests {
         clock.accept(&status("b", 0), ms(0)).unwrap();
         clock.grant(ms(0), false).unwrap();
         clock.accept(&status("a", 11), ms(2900)).unwrap();
-        let error = clock.check(ms(3100)).unwrap_err();
+        let error = check(&mut clock, ms(3100)).unwrap_err();
         assert!(error.to_string().contains("b has been silent"), "{error}");
         assert!(!error.to_string().contains("a has been silent"), "{error}");
     }
@@ -446,16 +482,37 @@ mod tests {
         clock.accept(&status("b", 0), ms(0)).unwrap();
         clock.grant(ms(0), false).unwrap();
         clock.accept(&status("a", 11), ms(2200)).unwrap();
-        let error = clock.check(ms(4100)).unwrap_err().to_string();
+        check(&mut clock, ms(2900)).unwrap();
+        let error = clock.check(ms(4100), || 1.0).unwrap_err().to_string();
         assert!(error.contains("b has been silent for 4.1 s"), "{error}");
         assert!(!error.contains("a has been silent"), "{error}");
+    }
+
+    #[test]
+    fn a_busy_machine_gets_more_time_and_says_whom_it_waits_for() {
+        let mut clock = clock(Speed::Max);
+        assert_eq!(check_with(&mut clock, ms(60_000), 0.1), Ok(()), "coming up takes longer too");
+        let (_, missing) = clock.delay(ms(60_000)).unwrap();
+        assert!(missing.contains("a was never heard"), "{missing}");
+        clock.accept(&status("a", 0), ms(60_000)).unwrap();
+        clock.accept(&status("b", 0), ms(60_000)).unwrap();
+        clock.grant(ms(60_000), false).unwrap();
+        clock.accept(&status("a", 11), ms(62_000)).unwrap();
+        assert_eq!(clock.delay(ms(62_000)), None);
+        assert_eq!(check_with(&mut clock, ms(85_000), 0.1), Ok(()));
+        let (waited, whom) = clock.delay(ms(85_000)).unwrap();
+        assert_eq!(waited, ms(25_000));
+        assert!(whom.contains("b has been silent"), "{whom}");
+        assert!(check_with(&mut clock, ms(95_000), 0.1).is_err(), "not for ever");
+        clock.accept(&status("b", 11), ms(95_000)).unwrap();
+        assert_eq!(clock.delay(ms(97_000)), None);
     }
 
     #[test]
     fn a_missing_node_is_named_after_the_start_up_limit() {
         let mut clock = clock(Speed::Max);
         clock.accept(&status("a", 0), ms(9900)).unwrap();
-        let error = clock.check(ms(10_000)).unwrap_err();
+        let error = check(&mut clock, ms(10_000)).unwrap_err();
         assert!(error.to_string().contains("b was never heard"), "{error}");
     }
 
@@ -478,6 +535,6 @@ mod tests {
     fn statuses_of_other_runs_are_ignored() {
         let mut clock = clock(Speed::Max);
         clock.accept(&LoopStatus { run_id: 8, error: "boom".into(), ..status("a", 5) }, ms(0)).unwrap();
-        assert!(clock.check(ms(10_000)).unwrap_err().to_string().contains("a was never heard"));
+        assert!(check(&mut clock, ms(10_000)).unwrap_err().to_string().contains("a was never heard"));
     }
 }

@@ -15,7 +15,7 @@ use minifactory_msgs::std_srvs::srv::{Trigger, TriggerResponse};
 use super::clock::{ClockError, LoopClock, Speed};
 use super::contract::LoopContract;
 use super::hub::Hub;
-use super::links::{GRANT_TOPIC, LoopWriter, STATUS_TOPIC, read};
+use super::links::{LoopWriter, read};
 use super::runner::RunError;
 use crate::cdr;
 use crate::clock::TimeSource;
@@ -24,6 +24,7 @@ use crate::digest::Digest;
 use crate::housekeeping::{Housekeeping, own_parameters};
 use crate::node::{Interface, NodeError, Port, PortKind, stamp_of_ns};
 use crate::parameters::{Declaration, Range, Store, Value};
+use crate::patience::share_of_machine;
 use crate::recording::Tap;
 use crate::service::Responder;
 
@@ -31,6 +32,9 @@ use crate::service::Responder;
 const RENEW_PERIOD: Duration = Duration::from_millis(100);
 /// The clock waits no longer than this, so that pacing stays smooth.
 const POLL_PERIOD: Duration = Duration::from_millis(2);
+
+/// Between warnings that a busy machine keeps the run waiting.
+const WARN_PERIOD: Duration = Duration::from_secs(5);
 
 /// Why a run ended early.
 #[derive(Debug, thiserror::Error)]
@@ -162,8 +166,8 @@ impl ClockRunner {
                 Nodes::Here(hub.clone())
             }
             None => {
-                let grant = Box::new(LoopWriter::open::<LoopGrant>(participant, GRANT_TOPIC)?);
-                let statuses = read(participant, STATUS_TOPIC, move |status: LoopStatus| {
+                let grant = Box::new(LoopWriter::open::<LoopGrant>(participant, &contract.grant_topic())?);
+                let statuses = read(participant, &contract.status_topic(), move |status: LoopStatus| {
                     // A closed inbox belongs to a clock that has stopped.
                     let _ = sender.send(status);
                 })?;
@@ -261,6 +265,7 @@ impl ClockRunner {
         watch: &mut impl FnMut(u64) -> Result<(), String>,
     ) -> Result<(), RunEnd> {
         let mut renewed_at = Instant::now();
+        let mut warned_at = None;
         loop {
             match self.statuses.recv_timeout(POLL_PERIOD) {
                 Ok(status) => self.clock.accept(&status, self.made_at.elapsed())?,
@@ -287,7 +292,9 @@ impl ClockRunner {
             if renew {
                 renewed_at = Instant::now();
                 watch(self.clock.tick()).map_err(RunEnd::Watcher)?;
-                self.clock.check(self.made_at.elapsed())?;
+                let now = self.made_at.elapsed();
+                self.clock.check(now, share_of_machine)?;
+                warn_of_delay(&mut warned_at, self.clock.delay(now));
             }
         }
     }
@@ -325,6 +332,15 @@ impl ClockRunner {
             }
         }
         self.tap.as_mut().map_or(Ok(()), Tap::flush)
+    }
+}
+
+/// Says now and then whom a busy machine keeps the run waiting for.
+fn warn_of_delay(warned_at: &mut Option<Instant>, delay: Option<(Duration, String)>) {
+    let Some((waited, whom)) = delay else { return };
+    if warned_at.is_none_or(|warned_at| warned_at.elapsed() >= WARN_PERIOD) {
+        *warned_at = Some(Instant::now());
+        tracing::warn!("the machine is busy: no progress for {:.1} s, still waiting: {whom}", waited.as_secs_f64());
     }
 }
 

@@ -10,12 +10,9 @@ use super::contract::LoopContract;
 use super::runner::{Incoming, Links, RunError};
 use crate::cdr;
 use crate::dds::{DdsError, Participant, PublishError, Qos, Reader, Writer};
+use crate::patience::{Patience, share_of_machine};
 
-/// Where the clock grants.
-pub(super) const GRANT_TOPIC: &str = "/_loop/grant";
-/// Where nodes tell the clock how things stand.
-pub(super) const STATUS_TOPIC: &str = "/_loop/status";
-/// A full writer is tried again for this long before the run is given up.
+/// A full writer is tried again for this long, as [`Patience`] counts it, before the run is given up.
 const SEND_LIMIT: Duration = Duration::from_secs(3);
 
 /// A node's writers in the loop, and the readers that fill its inbox for as long as this lives.
@@ -48,10 +45,10 @@ impl DdsLinks {
             }
         }
         let inbox = inbox.clone();
-        readers.push(read(participant, GRANT_TOPIC, move |grant: LoopGrant| {
+        readers.push(read(participant, &contract.grant_topic(), move |grant: LoopGrant| {
             let _ = inbox.send(Incoming::Grant(grant));
         })?);
-        let status = LoopWriter::open::<LoopStatus>(participant, STATUS_TOPIC)?;
+        let status = LoopWriter::open::<LoopStatus>(participant, &contract.status_topic())?;
         Ok(Self { bundles, status, _readers: readers })
     }
 }
@@ -85,10 +82,13 @@ impl LoopWriter {
         let failed = |reason: String| RunError::Send { topic: self.topic.clone(), reason };
         let mut payload = cdr::encode(message).map_err(|error| failed(error.to_string()))?;
         let since = Instant::now();
+        let mut patience = Patience::default();
         loop {
             match self.writer.publish(payload) {
                 Ok(()) => return Ok(()),
-                Err(PublishError::Full { payload: returned, .. }) if since.elapsed() < SEND_LIMIT => {
+                Err(PublishError::Full { payload: returned, .. })
+                    if patience.spent(since.elapsed(), share_of_machine) < SEND_LIMIT =>
+                {
                     payload = returned;
                     std::thread::sleep(Duration::from_millis(1));
                 }

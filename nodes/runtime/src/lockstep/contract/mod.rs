@@ -196,10 +196,28 @@ impl LoopContract {
         self.nodes.iter().position(|node| node == name)
     }
 
-    /// The topic that carries `edge`: hidden, as ROS 2 hides names with a leading underscore.
+    /// The topic that carries `edge`.
     #[must_use]
     pub fn edge_topic(&self, edge: &LoopEdge) -> String {
-        format!("/_loop{}/to{}", self.nodes[edge.from], self.nodes[edge.to])
+        format!("{}{}/to{}", self.hidden_namespace(), self.nodes[edge.from], self.nodes[edge.to])
+    }
+
+    /// The topic on which the clock grants ticks.
+    #[must_use]
+    pub fn grant_topic(&self) -> String {
+        format!("{}/grant", self.hidden_namespace())
+    }
+
+    /// The topic on which nodes tell the clock how things stand.
+    #[must_use]
+    pub fn status_topic(&self) -> String {
+        format!("{}/status", self.hidden_namespace())
+    }
+
+    /// Hidden, as ROS 2 hides names with a leading underscore, and each run's own: nodes of an earlier run that were
+    /// killed stay on the graph for a while, and a writer would wait for what they never acknowledge.
+    fn hidden_namespace(&self) -> String {
+        format!("/_loop/run_{:x}", self.run_id)
     }
 }
 

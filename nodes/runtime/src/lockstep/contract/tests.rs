@@ -202,7 +202,7 @@ fn an_edge_is_as_late_as_the_latest_thing_it_carries() {
         edge(0, 2, 1, &[topic("/quick")]),
     ];
     assert_eq!(contract.edges, expected);
-    assert_eq!(contract.edge_topic(&contract.edges[2]), "/_loop/a/to/c");
+    assert_eq!(contract.edge_topic(&contract.edges[2]), format!("/_loop/run_{:x}/a/to/c", contract.run_id));
     assert_eq!((contract.node_index("/c"), contract.node_index("/d")), (Some(2), None));
 }
 

@@ -1,5 +1,6 @@
 //! Runs one node in the loop: receives bundles and grants, steps, sends. The only place where the loop meets threads.
 
+use std::os::unix::process::parent_id;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
@@ -15,6 +16,7 @@ use crate::digest::Digest;
 use crate::node::{
     Arrival, Asker, AskerInner, FeederNode, Interface, NodeError, Output, StepIo, split_call, with_call,
 };
+use crate::patience::{Patience, share_of_machine};
 use crate::public::PublicSide;
 use crate::recording::Tap;
 
@@ -22,8 +24,10 @@ use crate::recording::Tap;
 const PROBE_PERIOD: Duration = Duration::from_millis(20);
 /// Between statuses while a node is blocked.
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(100);
-/// A node that hears no grant for this long has lost its clock.
+/// A node that hears no grant for this long, as [`Patience`] counts it, has lost its clock.
 const CLOCK_LIMIT: Duration = Duration::from_secs(5);
+/// The same when the process that started this one is gone as well: it was the clock's, as a rule.
+const ORPHAN_LIMIT: Duration = Duration::from_secs(1);
 /// The same before the first grant: the clock waits for all nodes, and gives up sooner than this.
 const START_LIMIT: Duration = Duration::from_secs(60);
 /// A node that fails waits this long for the clock to take note.
@@ -116,9 +120,12 @@ pub(crate) struct Runner<N: FeederNode, L> {
     tap: Option<Tap>,
     status_period_ticks: u64,
     goal_tick: u64,
+    made_at: Instant,
+    /// The process that started this one.
+    parent: u32,
     said_at: Instant,
-    /// When the clock was last heard, or the node began to listen.
-    clock_at: Instant,
+    /// The wait for the clock's next word.
+    patience: Patience,
     started: bool,
     now_ns: Arc<AtomicU64>,
     reconfigured: Option<Receiver<N::Config>>,
@@ -153,8 +160,10 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             goal_tick: LoopStatus::NO_GOAL,
             now_ns: Arc::default(),
             reconfigured: None,
+            made_at: Instant::now(),
+            parent: parent_id(),
             said_at: Instant::now(),
-            clock_at: Instant::now(),
+            patience: Patience::default(),
             started: false,
         })
     }
@@ -238,8 +247,10 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
                 }
                 self.tell_clock()?;
             }
-            if self.clock_at.elapsed() > limit {
-                return Err(RunError::ClockLost { after: limit });
+            let now = self.made_at.elapsed();
+            let limit = if parent_id() == self.parent { limit } else { ORPHAN_LIMIT };
+            if self.patience.spent(now, share_of_machine) > limit {
+                return Err(RunError::ClockLost { after: self.patience.waited(now) });
             }
             match inbox.recv_timeout(period.saturating_sub(self.said_at.elapsed())) {
                 Ok(incoming) => self.accept(incoming)?,
@@ -255,7 +266,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             Incoming::Grant(grant) => {
                 if grant.run_id == self.run_id {
                     self.started = true;
-                    self.clock_at = Instant::now();
+                    self.patience = Patience::since(self.made_at.elapsed());
                 }
                 self.engine.accept_grant(&grant);
             }
