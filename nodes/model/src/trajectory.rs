@@ -28,7 +28,8 @@ impl TrajectoryPoint {
 }
 
 /// Points in order of time, interpolated as `ros2_control` does: quintic between points with velocities and
-/// accelerations, cubic between points with velocities, else linear.
+/// accelerations, cubic between points with velocities, else linear. Where no point has either, by the cubic spline
+/// through the positions, which `ros2_control` joins by straight lines: no courier's velocity can jump.
 ///
 /// A first point at time 0 says where the trajectory starts; without one it starts from the present set point.
 #[derive(Clone, Debug, Default, PartialEq)]

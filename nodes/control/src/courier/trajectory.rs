@@ -93,17 +93,21 @@ impl Spline {
             acceleration: Some(present.acceleration),
         };
         let implied = trajectory.points.first().is_some_and(|point| point.time_s > 0.0);
-        let points: Vec<&TrajectoryPoint> = implied.then_some(&start).into_iter().chain(&trajectory.points).collect();
-        let last = points.last().copied().unwrap_or(&start);
+        let mut points: Vec<TrajectoryPoint> =
+            implied.then_some(&start).into_iter().chain(&trajectory.points).cloned().collect();
+        if trajectory.points.iter().all(|point| point.velocity.is_none() && point.acceleration.is_none()) {
+            choose_velocities(&mut points, present.velocity);
+        }
+        let last = points.last().unwrap_or(&start);
         let rest = |time_s, position| TrajectoryPoint {
             time_s,
             position,
             velocity: Some(Vector3::zeros()),
             acceleration: Some(Vector3::zeros()),
         };
-        let offset = present.position - points.first().copied().unwrap_or(&start).position;
+        let offset = present.position - points.first().unwrap_or(&start).position;
         Self {
-            pieces: points.windows(2).map(|pair| Piece::new(pair[0], pair[1])).collect(),
+            pieces: points.windows(2).map(|pair| Piece::new(&pair[0], &pair[1])).collect(),
             blend: Piece::new(&rest(0.0, offset), &rest(last.time_s, Vector3::zeros())),
             end_s: last.time_s,
             end: last.position,
@@ -120,6 +124,33 @@ impl Spline {
             Some(piece) if time_s < self.end_s => piece.at(time_s) + self.blend.at(time_s),
             _ => State { position: self.end, ..State::default() },
         }
+    }
+}
+
+/// Chooses the velocities at the points so that the acceleration is continuous too: the clamped cubic spline, with
+/// `first_velocity` in the beginning and at rest in the end. Straight lines between positions, as `ros2_control` makes
+/// them, would have the velocity jump, which no motor does.
+///
+/// Its equations have three unknowns each, the velocities at a point and its neighbours; they are solved from both ends
+/// (Thomas's algorithm).
+fn choose_velocities(points: &mut [TrajectoryPoint], first_velocity: Vector3<f64>) {
+    // What is left of the equation of each point: its velocity is `known` less `factor` times the next one's.
+    let mut rows = vec![(first_velocity, 0.0)];
+    for triple in points.windows(3) {
+        let [before_s, after_s] = [triple[1].time_s - triple[0].time_s, triple[2].time_s - triple[1].time_s];
+        let slope_before = (triple[1].position - triple[0].position) / before_s;
+        let slope_after = (triple[2].position - triple[1].position) / after_s;
+        let right = (slope_before * after_s + slope_after * before_s) * 3.0;
+        let (known, factor) = rows[rows.len() - 1];
+        let own = 2.0 * (before_s + after_s) - after_s * factor;
+        rows.push(((right - known * after_s) / own, before_s / own));
+    }
+    // A last row for the end: at rest.
+    rows.push((Vector3::zeros(), 0.0));
+    let mut next = Vector3::zeros();
+    for (point, (known, factor)) in points.iter_mut().zip(rows).rev() {
+        next = known - next * factor;
+        point.velocity = Some(next);
     }
 }
 
@@ -191,8 +222,32 @@ mod tests {
         let linear = |time_s, x_m| TrajectoryPoint { velocity: None, acceleration: None, ..point(time_s, x_m) };
         let trajectory = Trajectory { points: vec![cubic(0.0, 0.0), cubic(1.0, 1.0)] };
         assert!((Spline::new(&trajectory, &State::default()).at(0.25).position.x - 0.156_25).abs() < 1e-15);
-        let trajectory = Trajectory { points: vec![linear(0.0, 0.0), linear(1.0, 1.0)] };
+        let trajectory = Trajectory { points: vec![cubic(0.0, 0.0), linear(1.0, 1.0)] };
         assert!((Spline::new(&trajectory, &State::default()).at(0.25).position.x - 0.25).abs() < 1e-15);
+    }
+
+    #[test]
+    fn verif_positions_alone_are_joined_without_a_jump() {
+        let at = |time_s, x_m| TrajectoryPoint { velocity: None, acceleration: None, ..point(time_s, x_m) };
+        let present = State { position: Vector3::new(0.1, 0.0, 0.0), ..State::default() };
+        // One point, from rest to rest: x = 3 s² − 2 s³ of the way, and 6 d/T² of acceleration in the beginning.
+        let single = Spline::new(&Trajectory { points: vec![at(2.0, 0.4)] }, &present);
+        assert!((single.at(0.5).position.x - (0.1 + 0.3 * 0.156_25)).abs() < 1e-15);
+        assert!((single.at(0.0).acceleration.x - 6.0 * 0.3 / 4.0).abs() < 1e-12);
+        let way = [(0.5, 0.15), (0.8, 0.3), (2.0, 0.2), (2.1, 0.19), (3.0, 0.4)];
+        let points = way.map(|(time_s, x_m)| at(time_s, x_m)).to_vec();
+        for points in [points.clone(), [vec![at(0.0, 0.1)], points].concat()] {
+            let spline = Spline::new(&Trajectory { points }, &present);
+            for (time_s, x_m) in way {
+                let (before, after) = (spline.at(time_s - 1e-9), spline.at(time_s));
+                assert!((after.position.x - x_m).abs() < 1e-12);
+                assert!((after.velocity - before.velocity).norm() < 1e-6, "a jump at {time_s} s");
+                if time_s < 3.0 {
+                    assert!((after.acceleration - before.acceleration).norm() < 1e-5, "a jerk at {time_s} s");
+                }
+            }
+            assert!(spline.at(0.0).velocity.norm() < 1e-12);
+        }
     }
 
     #[test]
