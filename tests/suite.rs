@@ -21,6 +21,7 @@ mod picking;
 mod pictures;
 mod reference;
 mod release;
+mod shapes;
 mod system;
 mod tidy;
 mod top;

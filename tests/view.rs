@@ -1,5 +1,6 @@
 //! The view of a running suite: what it shows, what it controls, and that the run is the same with it.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
@@ -254,6 +255,89 @@ fn a_viewer_stays_while_the_suite_is_started_again() {
         viewer.frame("the run", |frame| time_s(frame) > 3.0 && !frame["feeders"]["feeder"]["truth"].is_null());
         assert!(suite.wait().unwrap().success());
     }
+}
+
+#[test]
+fn a_scenario_that_is_not_what_runs_is_noticed() {
+    let domain = TestDomain::claim();
+    let mut suite = quiet(&domain, "up");
+    let mut suite = suite.args(["--composed", "--duration", "3600", "--speed", "1"]).spawn().unwrap();
+    let told = |scenario: &str, until: &dyn Fn(&str) -> bool| {
+        let page = Page::open(&domain, &["--scenario", scenario]);
+        let of = |message: &Value| message["feeders"]["feeder"]["mismatch"].as_str().unwrap_or_default().to_owned();
+        let said = page.viewer().until("a word on the scenario", |message| {
+            let heard_of_parts = !message["feeders"]["feeder"]["counts"].is_null();
+            message["type"] == "status" && heard_of_parts && until(&of(message))
+        });
+        of(&said)
+    };
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../launch_configs");
+    let other = told(&format!("{folder}/blocks.yaml"), &|said| said.contains("it feeds"));
+    assert!(other.contains("grommet, not block"), "{other}");
+    let work = TempDir::new().unwrap();
+    let changed_file = work.path().join("changed.yaml");
+    let changed = std::fs::read_to_string(format!("{folder}/default.yaml")).unwrap();
+    let changed = changed.replace("rise_m: 0.020", "rise_m: 0.019").replace("name: station_1", "name: station_2");
+    std::fs::write(&changed_file, changed.replace("models/", &format!("{folder}/models/"))).unwrap();
+    let other = told(changed_file.to_str().unwrap(), &|said| said.contains("tray") && said.contains("station_2"));
+    assert!(!other.contains("feeds"), "{other}");
+    told(&format!("{folder}/default.yaml"), &str::is_empty);
+    Process::new(suite.id()).signal(Signal::INT);
+    assert!(suite.wait().unwrap().success());
+}
+
+/// What a frame says of the parts of a feeder that does not depend on when it was looked at, by the time it is for.
+fn by_stamp(frame: &Value) -> [(&'static str, i64, Value); 3] {
+    let feeder = &frame["feeders"]["feeder"];
+    let fields = |key: &str, wanted: &[&str]| -> Value {
+        let wanted = wanted.iter().map(|field| ((*field).to_owned(), feeder[key][*field].clone()));
+        Value::Object(wanted.collect())
+    };
+    #[expect(clippy::cast_possible_truncation, reason = "a run is short")]
+    let ms = |key: &str| (1e3 * feeder[key]["stamp_s"].as_f64().unwrap_or(-1.0)).round() as i64;
+    let truth = ["id", "surface", "pose", "position_m", "orientation_xyzw", "sticking", "stranded"];
+    let courier = ["x_m", "y_m", "yaw_rad", "vx_m_s", "vy_m_s", "yaw_rate_rad_s"];
+    [
+        ("truth", ms("truth"), fields("truth", &truth)),
+        ("candidates", ms("candidates"), fields("candidates", &["parts"])),
+        ("courier", ms("courier"), fields("courier", &courier)),
+    ]
+}
+
+#[test]
+fn a_bag_that_is_played_shows_the_same_as_the_run() {
+    let work = TempDir::new().unwrap();
+    let bag = work.path().join("bag");
+    let run = Up::new("--composed --duration 12 --speed 1 --view=0").record(&bag);
+    let run = run.start();
+    let mut viewer = Viewer::connect(wait_for("the view's address", || address(&run.stderr())));
+    viewer.subscribe(&["frame"]);
+    let mut shown = BTreeMap::new();
+    while let Some(message) = viewer.read() {
+        if message["type"] == "frame" {
+            shown.extend(by_stamp(&message).map(|(what, at_ms, said)| ((what, at_ms), said)));
+        }
+    }
+    assert!(run.outcome().status.success());
+    let domain = TestDomain::claim();
+    let page = Page::open(&domain, &["--scenario", bag.to_str().unwrap()]);
+    let mut viewer = page.viewer();
+    viewer.subscribe(&["frame"]);
+    let mut player = play(&domain, &bag);
+    let mut compared: BTreeMap<&str, BTreeSet<i64>> = BTreeMap::new();
+    while compared.len() < 3 || compared.values().any(|stamps| stamps.len() < 20) {
+        let frame = viewer.frame("what was", |frame| !frame["feeders"]["feeder"]["truth"].is_null());
+        for (what, at_ms, said) in by_stamp(&frame) {
+            if at_ms >= 0
+                && let Some(in_run) = shown.get(&(what, at_ms))
+            {
+                assert_eq!(said, *in_run, "{what} at {at_ms} ms");
+                compared.entry(what).or_default().insert(at_ms);
+            }
+        }
+    }
+    Process::new(player.id()).signal(Signal::INT);
+    player.wait().unwrap();
 }
 
 #[test]

@@ -15,7 +15,9 @@ use serde_json::Value;
 use crate::common::{Run, Up, wait_for};
 
 /// What a display of RViz shows.
-const DISPLAYS: [(&str, &str); 3] = [
+const DISPLAYS: [(&str, &str); 5] = [
+    ("rviz_default_plugins/RobotModel", "std_msgs/msg/String"),
+    ("rviz_default_plugins/MarkerArray", "visualization_msgs/msg/MarkerArray"),
     ("rviz_default_plugins/Odometry", "nav_msgs/msg/Odometry"),
     ("rviz_default_plugins/Camera", "sensor_msgs/msg/Image"),
     ("rviz_default_plugins/Image", "sensor_msgs/msg/Image"),
@@ -76,14 +78,15 @@ fn rviz_shows_what_there_is() {
     let manager = &config["Visualization Manager"];
     let mut shown = Vec::new();
     for display in manager["Displays"].as_array().unwrap() {
-        if let Some(topic) = display["Topic"]["Value"].as_str() {
+        let topic = if display["Description Topic"].is_null() { &display["Topic"] } else { &display["Description Topic"] };
+        if let Some(name) = topic["Value"].as_str() {
             let class = display["Class"].as_str().unwrap();
             let wanted = DISPLAYS.iter().find(|(known, _)| *known == class);
             let (_, ros_type) = wanted.unwrap_or_else(|| panic!("what does {class} show?"));
-            shown.push((topic, *ros_type, display["Topic"]["Reliability Policy"].as_str().unwrap()));
+            shown.push((name, *ros_type, topic["Reliability Policy"].as_str().unwrap()));
         }
     }
-    assert_eq!(shown.len(), 3);
+    assert_eq!(shown.len(), 9);
     let mut topics: BTreeSet<String> = shown.iter().map(|(topic, ..)| (*topic).to_owned()).collect();
     // Where RViz looks for the calibration of a camera's pictures.
     topics.insert("/feeder/camera/camera_info".to_owned());

@@ -24,7 +24,7 @@ use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
 use minifactory_msgs::msg::{self, CourierState, DeliveryState};
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::JointState;
-use minifactory_msgs::std_msgs::msg::Header;
+use minifactory_msgs::std_msgs::msg::{Header, String as Text};
 use minifactory_msgs::std_srvs::srv::Trigger;
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
 
@@ -51,6 +51,7 @@ struct Topics {
     diagnostics: Publisher<DiagnosticArray>,
     tf: Publisher<TFMessage>,
     tf_static: Publisher<TFMessage>,
+    description: Publisher<Text>,
 }
 
 struct Services {
@@ -73,6 +74,8 @@ pub struct CourierDriver {
     name: String,
     names: messages::Names,
     tray_height_m: f64,
+    /// The courier as URDF.
+    description: Text,
     goals: Vec<(GoalHandle, GoalId)>,
     /// The waveform last accepted, its stamp left out: hearing it again changes nothing.
     accepted: Option<msg::Waveform>,
@@ -107,6 +110,7 @@ impl FeederNode for CourierDriver {
                 diagnostics: io.publisher(&topics::DIAGNOSTICS),
                 tf: io.publisher(&topics::TF),
                 tf_static: io.publisher(&topics::TF_STATIC),
+                description: io.publisher(&topics::ROBOT_DESCRIPTION),
             },
             services: Services {
                 halt: io.server(&services::HALT),
@@ -142,7 +146,8 @@ impl FeederNode for CourierDriver {
             tick: Self::tick(config),
             name: format!("/{}/{}", config.feeder, Self::NAME),
             names: messages::Names::new(&config.feeder),
-            tray_height_m: config.tray_floor_height_m,
+            tray_height_m: config.tray.floor_height_m,
+            description: messages::description(config),
             goals: Vec::new(),
             accepted: None,
             refused: None,
@@ -161,6 +166,7 @@ impl FeederNode for CourierDriver {
         let output = self.driver.step(ran);
         if io.tick() == 0 {
             io.publish(&self.topics.tf_static, &self.names.static_transforms(io.stamp(), self.tray_height_m));
+            io.publish(&self.topics.description, &self.description);
         } else {
             self.truth.publish(io, self.driver.motor_mut());
         }

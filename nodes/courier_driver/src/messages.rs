@@ -2,30 +2,33 @@
 
 use feeder_control::courier::{AXES, DriverStatus, GoalOutcome, VibrationPhase};
 use feeder_runtime::node::{GoalEnd, Health, HealthLevel};
+use feeder_scenario::plan::CourierDriverConfig;
 use feeder_wire::courier_state::{self, CourierActivity};
 use feeder_wire::frames::{self, PLATEN};
 use feeder_wire::joints::{self, Joint};
 use feeder_wire::odometry::{self, EstimatedMotion};
+use feeder_wire::robot_description::{self, Courier};
 use feeder_wire::trajectory::{self, EndOfGoal, Following, TrajectoryEnd};
 use minifactory_msgs::builtin_interfaces::msg::Time;
 use minifactory_msgs::control_msgs::action::FollowJointTrajectoryFeedback;
 use minifactory_msgs::msg::CourierState;
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::JointState;
-use minifactory_msgs::std_msgs::msg::Header;
+use minifactory_msgs::std_msgs::msg::{Header, String as Text};
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
 
 use crate::machine::HARDWARE_ID;
 
 /// Names of the feeder's frames.
 pub(crate) struct Names {
+    slides: [String; 2],
     courier: String,
     tray: String,
 }
 
 impl Names {
     pub(crate) fn new(feeder: &str) -> Self {
-        Self { courier: frames::courier(feeder), tray: frames::tray(feeder) }
+        Self { slides: frames::courier_slides(feeder), courier: frames::courier(feeder), tray: frames::tray(feeder) }
     }
 
     /// Pose and velocity of the courier as estimated for the end of the step.
@@ -39,16 +42,40 @@ impl Names {
         Odometry { header: on_platen(stamp), child_frame_id: self.courier.clone(), ..odometry::to_message(&motion) }
     }
 
-    /// Where the courier is on the platen.
+    /// Where the courier is on the platen, a frame for each of its joints.
     pub(crate) fn transforms(&self, stamp: Time, status: &DriverStatus) -> TFMessage {
-        let place = frames::upright(status.position.x, status.position.y, 0.0, status.position.z);
-        frames::to_message(stamp, PLATEN, &self.courier, &place)
+        let [slide_x, slide_y] = &self.slides;
+        let place = status.position;
+        let frames = [
+            (slide_x.as_str(), frames::upright(place.x, 0.0, 0.0, 0.0)),
+            (slide_y, frames::upright(0.0, place.y, 0.0, 0.0)),
+            (&self.courier, frames::upright(0.0, 0.0, 0.0, place.z)),
+        ];
+        frames::chain(stamp, PLATEN, frames)
     }
 
     /// How the tray sits on the courier.
     pub(crate) fn static_transforms(&self, stamp: Time, tray_height_m: f64) -> TFMessage {
         frames::to_message(stamp, &self.courier, &self.tray, &frames::upright(0.0, 0.0, tray_height_m, 0.0))
     }
+}
+
+/// The courier as URDF.
+pub(crate) fn description(config: &CourierDriverConfig) -> Text {
+    let limits = &config.courier.limits;
+    // The envelope has no bound of its own for the yaw rate: this is what the torque can bring it to within half its range.
+    let yaw_rate_rad_s = (2.0 * limits.torque_n_m_max / limits.inertia_kg_m2 * limits.yaw_rad_max).sqrt();
+    robot_description::courier(&Courier {
+        feeder: &config.feeder,
+        lower: [limits.x_m_min, limits.y_m_min, -limits.yaw_rad_max],
+        upper: [limits.x_m_max, limits.y_m_max, limits.yaw_rad_max],
+        speed_max: [limits.speed_m_s_max, limits.speed_m_s_max, yaw_rate_rad_s],
+        effort_max: [limits.force_n_max, limits.force_n_max, limits.torque_n_m_max],
+        mass_kg: limits.mass_kg,
+        inertia_kg_m2: limits.inertia_kg_m2,
+        footprint_radius_m: config.footprint_radius_m,
+        tray: config.tray,
+    })
 }
 
 /// Position and velocity of the courier's three axes.

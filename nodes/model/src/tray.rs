@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use nalgebra::{Isometry3, Translation3, Unit, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -82,6 +83,33 @@ impl TrayGeometry {
     pub fn height_m(&self, angle_rad: f64) -> f64 {
         let angle_rad = angle_rad.rem_euclid(TAU);
         (angle_rad * self.pitch_m_per_rad()).min(self.rise_m)
+    }
+
+    /// From a part as it would lie on a level floor, its centre of mass `com_height_m` (m) above that at the origin, to the
+    /// tray's frame, where it lies at `radius_m` (m) and `angle_rad` (rad), turned by `yaw_rad` (rad): on the ramp it leans
+    /// as the ramp does under its middle.
+    #[must_use]
+    pub fn tray_from_lying(
+        &self,
+        place: Place,
+        radius_m: f64,
+        angle_rad: f64,
+        yaw_rad: f64,
+        com_height_m: f64,
+    ) -> Isometry3<f64> {
+        let (sin, cos) = angle_rad.sin_cos();
+        let outwards = Unit::new_unchecked(Vector3::new(cos, sin, 0.0));
+        let (floor_m, lean) = match place {
+            Place::Ramp => {
+                let slope_rad = self.ramp_slope_rad(radius_m);
+                (self.height_m(angle_rad), UnitQuaternion::from_axis_angle(&outwards, slope_rad))
+            }
+            Place::Plateau | Place::Falling => (self.rise_m, UnitQuaternion::identity()),
+        };
+        let foot = Vector3::new(radius_m * cos, radius_m * sin, floor_m);
+        let middle = foot + lean * Vector3::new(0.0, 0.0, com_height_m);
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw_rad.rem_euclid(TAU));
+        Isometry3::from_parts(Translation3::from(middle), lean * turn)
     }
 }
 

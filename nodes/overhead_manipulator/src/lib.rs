@@ -6,7 +6,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use feeder_control::manipulator::{Action, Event, Manipulator, Presented};
+use feeder_control::manipulator::{Action, Event, Manipulator, ManipulatorConfig, Presented};
 use feeder_model::delivery::{HandOver, Outcome, Phase};
 use feeder_model::seed::generator;
 use feeder_runtime::node::{
@@ -19,11 +19,14 @@ use feeder_wire::hand_over::{self, HandOverReport};
 use feeder_wire::joints::{self, Joint};
 use feeder_wire::pick::{self, GripRequest};
 use feeder_wire::pose::UprightPose;
+use feeder_wire::robot_description::{self, Tool};
 use feeder_wire::{frames, nodes, response, services, topics};
 use minifactory_msgs::action::{DeliverPart, DeliverPartFeedback, DeliverPartResult};
 use minifactory_msgs::sensor_msgs::msg::JointState;
 use minifactory_msgs::srv::{Pick, ReportHandover, ReportHandoverRequest};
+use minifactory_msgs::std_msgs::msg::String as Text;
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
+use nalgebra::Isometry3;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 
@@ -55,8 +58,16 @@ struct OpenReport {
 /// Handles of the manipulator's ports.
 pub struct Ports {
     feeders: Vec<FeederPorts>,
+    publishers: Publishers,
+}
+
+/// What the manipulator says.
+#[derive(Clone, Copy)]
+struct Publishers {
     joint_states: Publisher<JointState>,
+    tf: Publisher<TFMessage>,
     tf_static: Publisher<TFMessage>,
+    description: Publisher<Text>,
 }
 
 /// The manipulator.
@@ -64,8 +75,7 @@ pub struct OverheadManipulator {
     feeders: Vec<Feeder>,
     /// Index of the feeder asked last.
     asked: usize,
-    joint_states: Publisher<JointState>,
-    tf_static: Publisher<TFMessage>,
+    publishers: Publishers,
     manipulator: Manipulator,
     config: OverheadManipulatorConfig,
     random: Pcg64Mcg,
@@ -101,8 +111,12 @@ impl FeederNode for OverheadManipulator {
         });
         Ports {
             feeders: feeders.collect(),
-            joint_states: io.publisher(&topics::TOOL_JOINT_STATES),
-            tf_static: io.publisher(&topics::TF_STATIC),
+            publishers: Publishers {
+                joint_states: io.publisher(&topics::TOOL_JOINT_STATES),
+                tf: io.publisher(&topics::TF),
+                tf_static: io.publisher(&topics::TF_STATIC),
+                description: io.publisher(&topics::TOOL_DESCRIPTION),
+            },
         }
     }
 
@@ -116,8 +130,7 @@ impl FeederNode for OverheadManipulator {
         Ok(Self {
             feeders: feeders.collect(),
             asked: 0,
-            joint_states: ports.joint_states,
-            tf_static: ports.tf_static,
+            publishers: ports.publishers,
             manipulator: Manipulator::new(config.manipulator, random).map_err(NodeError::new)?,
             random: generator(config.seed, &config.station),
             config: config.clone(),
@@ -132,7 +145,8 @@ impl FeederNode for OverheadManipulator {
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         if io.tick() == 0 {
-            io.publish(&self.tf_static, &self.mounting(io));
+            io.publish(&self.publishers.tf_static, &self.mounting(io));
+            io.publish(&self.publishers.description, &self.description());
         }
         let events = self.hear(io);
         let now_s = io.now_s();
@@ -140,13 +154,14 @@ impl FeederNode for OverheadManipulator {
             self.act(io, action);
         }
         let joints = self.manipulator.joints(now_s);
-        let named = ["z", "theta"].iter().zip(joints).map(|(axis, (position, velocity))| Joint {
-            name: format!("{}_{axis}", self.config.station),
+        let named = self.joint_names().into_iter().zip(joints).map(|(name, (position, velocity))| Joint {
+            name,
             position,
             velocity,
         });
         let state = joints::to_message(io.header(""), &named.collect::<Vec<_>>());
-        io.publish(&self.joint_states, &state);
+        io.publish(&self.publishers.joint_states, &state);
+        io.publish(&self.publishers.tf, &self.transforms(io, joints.map(|(position, _)| position)));
         Ok(())
     }
 }
@@ -273,8 +288,40 @@ impl OverheadManipulator {
 
     /// The tool frame: where the axis meets the height of the plateau.
     fn mounting(&self, io: &StepIo) -> TFMessage {
-        let place = frames::upright(self.config.x_m, self.config.y_m, self.config.plateau_height_m, 0.0);
-        frames::to_message(io.stamp(), frames::PLATEN, &frames::tool(&self.config.station), &place)
+        frames::to_message(io.stamp(), frames::PLATEN, &frames::tool(&self.config.station), &self.platen_from_tool())
+    }
+
+    /// Where the gripper is, a frame for each joint.
+    fn transforms(&self, io: &StepIo, [z_m, theta_rad]: [f64; 2]) -> TFMessage {
+        let station = &self.config.station;
+        let (slide, gripper) = (frames::tool_slide(station), frames::gripper(station));
+        let frames = [
+            (slide.as_str(), frames::upright(0.0, 0.0, z_m, 0.0)),
+            (&gripper, frames::upright(0.0, 0.0, 0.0, theta_rad)),
+        ];
+        frames::chain(io.stamp(), &frames::tool(station), frames)
+    }
+
+    fn platen_from_tool(&self) -> Isometry3<f64> {
+        frames::upright(self.config.x_m, self.config.y_m, self.config.plateau_height_m, 0.0)
+    }
+
+    fn joint_names(&self) -> [String; 2] {
+        ["z", "theta"].map(|axis| format!("{}_{axis}", self.config.station))
+    }
+
+    /// The tool as URDF.
+    fn description(&self) -> Text {
+        let ManipulatorConfig { travel_height_m, z, theta, .. } = self.config.manipulator;
+        let [along, about] = self.joint_names();
+        robot_description::tool(&Tool {
+            station: &self.config.station,
+            platen_from_tool: self.platen_from_tool(),
+            joints: [&along, &about],
+            height_m_max: travel_height_m,
+            speed_max: [z.speed_max, theta.speed_max],
+            opening_m: self.config.gripper_opening_m,
+        })
     }
 }
 

@@ -9,10 +9,10 @@ use feeder_scenario::plan::PartSimulatorConfig;
 use feeder_sim::camera::{PartView, Renderer, TrayShot, codec};
 use feeder_sim::parts::{Part, PartBulk, Place};
 use feeder_wire::pictures::{self, Encoding};
-use feeder_wire::{frames, topics};
+use feeder_wire::{frames, robot_description, topics};
 use image::GrayImage;
 use minifactory_msgs::sensor_msgs::msg::{CameraInfo, CompressedImage, Image};
-use minifactory_msgs::std_msgs::msg::Header;
+use minifactory_msgs::std_msgs::msg::{Header, String as Text};
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
 use rand_pcg::Pcg64Mcg;
 
@@ -25,6 +25,7 @@ pub(crate) struct Ports {
     compressed: Publisher<CompressedImage>,
     info: Publisher<CameraInfo>,
     tf_static: Publisher<TFMessage>,
+    description: Publisher<Text>,
 }
 
 impl Ports {
@@ -34,6 +35,7 @@ impl Ports {
             compressed: io.publisher(&topics::IMAGE_COMPRESSED),
             info: io.publisher(&topics::CAMERA_INFO),
             tf_static: io.publisher(&topics::TF_STATIC),
+            description: io.publisher(&topics::CAMERA_DESCRIPTION),
         }
     }
 }
@@ -69,6 +71,7 @@ pub(crate) struct Camera {
     quality: u8,
     noise: Pcg64Mcg,
     image: GrayImage,
+    feeder: String,
     frame: String,
     views: Vec<PartView>,
 }
@@ -83,6 +86,7 @@ impl Camera {
             quality: config.camera.jpeg_quality,
             noise: generator(config.seed, "camera"),
             image: GrayImage::default(),
+            feeder: config.feeder.clone(),
             frame: frames::camera(&config.feeder),
             views: Vec::new(),
         })
@@ -99,6 +103,8 @@ impl Camera {
     ) -> Result<(), NodeError> {
         if io.tick() == 0 {
             io.publish(&ports.tf_static, &self.mounting());
+            let urdf = robot_description::camera(&self.feeder, &self.model.platen_from_camera());
+            io.publish(&ports.description, &urdf);
         }
         if !self.schedule.is_due(stamp_ns) {
             return Ok(());

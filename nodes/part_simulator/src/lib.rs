@@ -3,6 +3,7 @@
 //! The state after a block of tray motion carries the stamp of the block's end.
 
 mod camera;
+mod markers;
 
 use std::time::Duration;
 
@@ -23,6 +24,7 @@ use minifactory_msgs::std_msgs::msg::Header;
 use nalgebra::{Isometry2, Point2, Vector2};
 
 use camera::Camera;
+use markers::Drawing;
 
 /// Largest height of a tool above the plateau at which its gripper reaches a part, m.
 const GRIP_HEIGHT_M: f64 = 0.002;
@@ -38,6 +40,7 @@ pub struct Ports {
     parts: Publisher<PartStates>,
     events: Publisher<PickEvent>,
     camera: camera::Ports,
+    markers: markers::Ports,
 }
 
 /// The part simulator.
@@ -45,6 +48,7 @@ pub struct PartSimulator {
     ports: Ports,
     bulk: PartBulk,
     camera: Camera,
+    drawing: Drawing,
     frame: String,
     plateau_height_m: f64,
     /// The tray at the end of the motion known so far.
@@ -76,6 +80,7 @@ impl FeederNode for PartSimulator {
             parts: io.publisher(&topics::PARTS),
             events: io.publisher(&topics::PICKS),
             camera: camera::Ports::declare(io),
+            markers: markers::Ports::declare(io),
         }
     }
 
@@ -83,6 +88,7 @@ impl FeederNode for PartSimulator {
         let seed = seed_for(config.seed, Self::NAME);
         let part = PartType::new(&config.part).map_err(NodeError::new)?;
         let camera = Camera::open(config, &part)?;
+        let drawing = Drawing::new(config, &part);
         for hazard in part.hazards() {
             tracing::warn!("{}: likely in bulk, and not modelled: {hazard}", part.name);
         }
@@ -97,6 +103,7 @@ impl FeederNode for PartSimulator {
             ports,
             bulk,
             camera,
+            drawing,
             frame: frames::tray(&config.feeder),
             plateau_height_m: config.tray.plateau_height_m(),
             tray: TrayShot::still(Isometry2::new(start.xy(), start.z)),
@@ -126,6 +133,7 @@ impl FeederNode for PartSimulator {
             }
         }
         io.publish(&self.ports.parts, &self.part_states());
+        self.drawing.draw(io, &self.ports.markers, self.known_until_ns, &self.bulk);
         self.camera.look(io, &self.ports.camera, self.known_until_ns, &self.tray, &self.bulk)
     }
 }

@@ -21,6 +21,7 @@ function found(frame, status) {
     add("courier", true, feeder.courier_state?.fault);
     add("delivery", true, feeder.delivery?.fault);
     add("warning", false, feeder.courier_state?.warning);
+    add("scenario", false, status?.feeders?.[name]?.mismatch);
     const state = status?.feeders?.[name]?.state;
     if (state && PROMINENT.has(state.reason) && !feeder.courier_state?.fault && !feeder.delivery?.fault) {
       add("state", state.reason === "fault", state.message || REASONS[state.reason]);

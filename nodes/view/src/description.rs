@@ -6,7 +6,6 @@ use feeder_control::courier::{CourierLimits, WaveformEnvelope};
 use feeder_model::area::Area;
 use feeder_model::camera::{CameraModel, MountedTray};
 use feeder_model::part::{PartType, PartTypeError};
-use feeder_model::tray::Place;
 use feeder_model::waveform::{Axis, Waveform};
 use feeder_scenario::plan::{
     CourierDriverConfig, DeliveryPlannerConfig, OverheadManipulatorConfig, PartSimulatorConfig, RunMonitorConfig,
@@ -68,7 +67,7 @@ pub(crate) struct Station {
     pub(crate) y_m: f64,
     plateau_height_m: f64,
     gripper_opening_m: f64,
-    serves: Vec<String>,
+    pub(crate) serves: Vec<String>,
 }
 
 /// The cell that is shown.
@@ -165,19 +164,9 @@ impl Description {
     /// How a part truly lies in the tray frame: the place of its centre of mass, m, and how it is turned.
     pub(crate) fn lying(&self, tray: &MountedTray, part: &TruePart) -> Option<(Vector3<f64>, UnitQuaternion<f64>)> {
         let pose = self.part.poses.get(usize::from(part.resting_pose))?;
-        let geometry = &tray.geometry;
-        let (sin, cos) = part.angle_rad.sin_cos();
-        let outwards = nalgebra::Unit::new_unchecked(Vector3::new(cos, sin, 0.0));
-        let (floor_m, tilt) = match part.place {
-            Place::Ramp => {
-                let slope_rad = geometry.ramp_slope_rad(part.radius_m);
-                (geometry.height_m(part.angle_rad), UnitQuaternion::from_axis_angle(&outwards, slope_rad))
-            }
-            Place::Plateau | Place::Falling => (geometry.rise_m, UnitQuaternion::identity()),
-        };
-        let foot = Vector3::new(part.radius_m * cos, part.radius_m * sin, floor_m);
-        let place = foot + tilt * Vector3::new(0.0, 0.0, pose.com_height_m);
-        Some((place, tilt * upright(part.yaw_rad) * pose.orientation))
+        let TruePart { place, radius_m, angle_rad, yaw_rad, .. } = *part;
+        let lying = tray.geometry.tray_from_lying(place, radius_m, angle_rad, yaw_rad, pose.com_height_m);
+        Some((lying.translation.vector, lying.rotation * pose.orientation))
     }
 
     /// The rectangle of the platen that is worth drawing.

@@ -13,12 +13,13 @@ use minifactory_msgs::Message;
 use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
 use minifactory_msgs::interface::TopicSpec;
 use minifactory_msgs::msg::{
-    AreaLeases, CourierState, DeliveryState, FeedMetrics, FeederState, PartCandidates, PartStates, PickEvent,
+    AreaLeases, CourierState, DeliveryState, Factsheet, FeedMetrics, FeederState, PartCandidates, PartStates, PickEvent,
     RunProgress, TrayMotion, Waveform,
 };
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::rcl_interfaces::msg::Log;
 use minifactory_msgs::sensor_msgs::msg::{CompressedImage, JointState};
+use minifactory_msgs::visualization_msgs::msg::MarkerArray;
 
 use crate::description::Description;
 use crate::viewers::Interest;
@@ -91,6 +92,8 @@ pub(crate) struct FeederHeard {
     pub(crate) state: Inbox<FeederState>,
     pub(crate) motion: Inbox<TrayMotion>,
     pub(crate) pictures: Inbox<CompressedImage>,
+    pub(crate) factsheet: Inbox<Factsheet>,
+    pub(crate) tray: Inbox<MarkerArray>,
 }
 
 /// What is heard of the graph.
@@ -118,6 +121,8 @@ impl Heard {
             state: Inbox::new(1),
             motion: Inbox::new(512),
             pictures: Inbox::new(8),
+            factsheet: Inbox::new(1),
+            tray: Inbox::new(1),
         };
         Self {
             feeders: description.feeders.iter().map(feeder).collect(),
@@ -193,6 +198,8 @@ impl Ears {
                 ear(When::Always, &topics::PICKS, here, &inboxes.picks),
                 ear(When::Always, &topics::WAVEFORM, here, &inboxes.waveform),
                 ear(When::Always, &topics::STATE, here, &inboxes.state),
+                ear(When::Always, &topics::FACTSHEET, here, &inboxes.factsheet),
+                ear(When::Always, &topics::TRAY_MARKERS, here, &inboxes.tray),
                 ear(When::Watched, &topics::ODOMETRY, here, &inboxes.odometry),
                 ear(When::Watched, &topics::COURIER_STATE, here, &inboxes.courier_state),
                 ear(When::Watched, &topics::PARTS, here, &inboxes.parts),

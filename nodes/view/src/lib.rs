@@ -21,6 +21,7 @@ mod events;
 mod frame;
 mod guard;
 mod heard;
+mod mismatch;
 mod motion;
 mod numbers;
 mod pictures;

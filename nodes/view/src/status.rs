@@ -6,9 +6,10 @@ use minifactory_msgs::diagnostic_msgs::msg::DiagnosticStatus;
 use minifactory_msgs::msg::{FeedMetrics, FeederState, RunProgress};
 use serde_json::{Map, Value, json};
 
-use crate::description::Description;
+use crate::description::{Description, Feeder};
 use crate::frame::time_s;
 use crate::heard::{FeederHeard, Heard};
+use crate::mismatch::mismatch;
 use crate::numbers::{coarse, fine, finite, metres, seconds};
 
 /// A node that has said nothing for so long is shown so, simulated s. Nodes speak once a second.
@@ -60,7 +61,7 @@ pub(crate) fn status(cell: &Description, heard: &Heard, health: &Health, now_s: 
         .feeders
         .iter()
         .zip(&heard.feeders)
-        .map(|(feeder, inboxes)| (feeder.name.clone(), feeder_status(inboxes)))
+        .map(|(feeder, inboxes)| (feeder.name.clone(), feeder_status(cell, feeder, inboxes)))
         .collect();
     json!({
         "type": "status",
@@ -71,7 +72,7 @@ pub(crate) fn status(cell: &Description, heard: &Heard, health: &Health, now_s: 
     })
 }
 
-fn feeder_status(heard: &FeederHeard) -> Value {
+fn feeder_status(cell: &Description, feeder: &Feeder, heard: &FeederHeard) -> Value {
     let counts = heard.parts.latest().map(|truth| {
         json!({
             "fed": truth.fed, "recirculated": truth.recirculated, "picked": truth.picked,
@@ -83,6 +84,7 @@ fn feeder_status(heard: &FeederHeard) -> Value {
         "metrics": heard.metrics.latest().map(|message| metrics(&message)),
         "state": heard.state.latest().map(|message| state(&message)),
         "counts": counts,
+        "mismatch": mismatch(cell, feeder, heard),
     })
 }
 

@@ -31,6 +31,7 @@ use minifactory_msgs::msg::PartCandidates;
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::{CameraInfo, CompressedImage, Image};
 use minifactory_msgs::vision_msgs::msg::Detection3DArray;
+use minifactory_msgs::visualization_msgs::msg::MarkerArray;
 
 use names::Names;
 use sight::{Frame, LookError, Sight, WARNINGS};
@@ -50,6 +51,7 @@ pub struct Ports {
     candidates: Publisher<Detection3DArray>,
     part_candidates: Publisher<PartCandidates>,
     annotated: Publisher<Image>,
+    markers: Publisher<MarkerArray>,
     diagnostics: Publisher<DiagnosticArray>,
 }
 
@@ -114,6 +116,7 @@ impl FeederNode for VisionSelector {
             candidates: io.publisher(&topics::CANDIDATES),
             part_candidates: io.publisher(&topics::PART_CANDIDATES),
             annotated: io.publisher(&topics::IMAGE_ANNOTATED),
+            markers: io.publisher(&topics::CANDIDATE_MARKERS),
             diagnostics: io.publisher(&topics::DIAGNOSTICS),
         }
     }
@@ -123,6 +126,7 @@ impl FeederNode for VisionSelector {
             poses: config.poses.clone(),
             part: config.part_class.clone(),
             tray_frame: frames::tray(&config.feeder),
+            plateau_m: config.tray.geometry.rise_m,
             node: format!("/{}/{}", config.feeder, Self::NAME),
         };
         let period_ticks = config.camera_period_ms / config.tick_ms;
@@ -224,7 +228,11 @@ impl VisionSelector {
             Err(fault) => (Vec::new(), ImageWorth::default(), Some(fault)),
         };
         self.tell(io, fault);
-        let (shown, told) = self.names.messages(header, &tracked, &self.sight.selector, &worth);
+        let seen = self.names.seen(&tracked, &self.sight.selector);
+        if io.wanted(&self.ports.markers) {
+            io.publish(&self.ports.markers, &self.names.markers(header, &seen));
+        }
+        let (shown, told) = self.names.messages(header, &tracked, &seen, &self.sight.selector, &worth);
         io.publish(&self.ports.candidates, &shown);
         io.publish(&self.ports.part_candidates, &told);
     }

@@ -108,12 +108,19 @@ fn both_messages_tell_of_the_same_parts_and_one_of_what_speaks_against_them() {
     let (mut sight, good) = sight();
     let part = Scenario::default().part_type().unwrap();
     let poses = part.poses.iter().map(|pose| pose.name.clone()).collect();
-    let names = Names { part: part.name.clone(), poses, tray_frame: "feeder/tray".to_owned(), node: String::new() };
+    let names = Names {
+        part: part.name.clone(),
+        poses,
+        tray_frame: "feeder/tray".to_owned(),
+        plateau_m: 0.02,
+        node: String::new(),
+    };
     for frame in 1..=8 {
         let message = message(frame, &good);
         let tracked = sight.look(&message).unwrap().tracked;
         let header = message.header();
-        let (shown, told) = names.messages(header, &tracked, &sight.selector, &sight.worth());
+        let (shown, told) =
+            names.messages(header, &tracked, &names.seen(&tracked, &sight.selector), &sight.selector, &sight.worth());
         assert_eq!((&told.header, told.parts.len()), (&shown.header, 1));
         assert_eq!(told.parts[0].id.to_string(), shown.detections[0].id);
         // A first look alone is not sure enough; eight are.

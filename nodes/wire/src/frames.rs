@@ -9,6 +9,12 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 /// The platen's frame, z up.
 pub const PLATEN: &str = "platen";
 
+/// The frames of the slides that the courier's joints along x and along y move: it has none, but a tree of joints has.
+#[must_use]
+pub fn courier_slides(feeder: &str) -> [String; 2] {
+    [format!("{feeder}/courier_x"), format!("{feeder}/courier_y")]
+}
+
 /// The frame that moves with a feeder's courier.
 #[must_use]
 pub fn courier(feeder: &str) -> String {
@@ -27,10 +33,22 @@ pub fn camera(feeder: &str) -> String {
     format!("{feeder}/camera_optical")
 }
 
-/// The frame of a station's tool.
+/// The frame of a station's tool: where its axis meets the height of the plateau.
 #[must_use]
 pub fn tool(station: &str) -> String {
     format!("{station}/tool")
+}
+
+/// The frame that goes up and down with a station's tool.
+#[must_use]
+pub fn tool_slide(station: &str) -> String {
+    format!("{station}/tool_slide")
+}
+
+/// The frame that moves with the tip of a station's gripper.
+#[must_use]
+pub fn gripper(station: &str) -> String {
+    format!("{station}/gripper")
 }
 
 /// A turn about z by `yaw_rad` and a place (x, y, z), m, in the parent's frame.
@@ -40,16 +58,26 @@ pub fn upright(x_m: f64, y_m: f64, z_m: f64, yaw_rad: f64) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(x_m, y_m, z_m), turn)
 }
 
-/// A message that says where frame `child` is in frame `parent`.
+/// A message that says where a frame is in another.
 #[must_use]
 pub fn to_message(stamp: Time, parent: &str, child: &str, parent_from_child: &Isometry3<f64>) -> TFMessage {
-    let (t, q) = (parent_from_child.translation.vector, parent_from_child.rotation.coords);
-    let transform = Transform {
-        translation: Vector3 { x: t.x, y: t.y, z: t.z },
-        rotation: Quaternion { x: q.x, y: q.y, z: q.z, w: q.w },
+    chain(stamp, parent, [(child, *parent_from_child)])
+}
+
+/// A message that says where each of some frames is in the one before it; the first is in `root`.
+#[must_use]
+pub fn chain<'a>(stamp: Time, root: &'a str, frames: impl IntoIterator<Item = (&'a str, Isometry3<f64>)>) -> TFMessage {
+    let mut parent = root;
+    let transform = |(child, parent_from_child): (&'a str, Isometry3<f64>)| {
+        let (t, q) = (parent_from_child.translation.vector, parent_from_child.rotation.coords);
+        let transform = Transform {
+            translation: Vector3 { x: t.x, y: t.y, z: t.z },
+            rotation: Quaternion { x: q.x, y: q.y, z: q.z, w: q.w },
+        };
+        let header = Header { stamp, frame_id: std::mem::replace(&mut parent, child).to_owned() };
+        TransformStamped { header, child_frame_id: child.to_owned(), transform }
     };
-    let header = Header { stamp, frame_id: parent.to_owned() };
-    TFMessage { transforms: vec![TransformStamped { header, child_frame_id: child.to_owned(), transform }] }
+    TFMessage { transforms: frames.into_iter().map(transform).collect() }
 }
 
 #[cfg(test)]

@@ -8,8 +8,10 @@ use minifactory_msgs::msg::{
 };
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::sensor_msgs::msg::{CameraInfo, CompressedImage, Image, JointState};
+use minifactory_msgs::std_msgs::msg::String as Text;
 use minifactory_msgs::tf2_msgs::msg::TFMessage;
 use minifactory_msgs::vision_msgs::msg::Detection3DArray;
+use minifactory_msgs::visualization_msgs::msg::MarkerArray;
 
 use crate::interface::interface;
 use crate::interface::namespaces::{FEEDER, GLOBAL, PLATEN, STATION};
@@ -19,6 +21,10 @@ use crate::interface::nodes::{
 };
 
 pub use minifactory_msgs::interface::standard::{CLOCK, DIAGNOSTICS, PARAMETER_EVENTS, ROSOUT};
+
+/// Several nodes publish frames that stay, each once. The player of a bag publishes all of them with the depth that was
+/// recorded, so that a depth of 1 would leave those who come late with the last alone.
+const STATIC_FRAMES: Qos = Qos { depth: 100, backlog: 100, ..Qos::latched() };
 
 interface! {
     /// All topics of this module's own.
@@ -48,13 +54,37 @@ interface! {
             Forward(DELIVERY_PLANNER), Forward(RUN_MONITOR), Feedback(WAVEFORM_GENERATOR), Outside("viewers"),
         ];
 
-    /// The courier in the platen's frame, m
+    /// Frames that move, m: courier and gripper, a frame for each joint
     TF: TopicSpec<TFMessage> = TopicSpec::new(GLOBAL, "tf", Qos::command()),
-        [COURIER_DRIVER] => [Outside("viewers")];
+        [COURIER_DRIVER, OVERHEAD_MANIPULATOR] => [Outside("viewers")];
 
     /// Frames that stay where they are, m: the tray on the courier, the camera, the tools
-    TF_STATIC: TopicSpec<TFMessage> = TopicSpec::new(GLOBAL, "tf_static", Qos::latched()),
+    TF_STATIC: TopicSpec<TFMessage> = TopicSpec::new(GLOBAL, "tf_static", STATIC_FRAMES),
         [COURIER_DRIVER, PART_SIMULATOR, OVERHEAD_MANIPULATOR] => [Outside("viewers")];
+
+    /// The courier with its tray as URDF; its joints are those of joint_states, its links the frames of /tf
+    ROBOT_DESCRIPTION: TopicSpec<Text> = TopicSpec::new(FEEDER, "robot_description", Qos::latched()),
+        [COURIER_DRIVER] => [Outside("viewers")];
+
+    /// The camera as URDF
+    CAMERA_DESCRIPTION: TopicSpec<Text> = TopicSpec::new(FEEDER, "camera/robot_description", Qos::latched()),
+        [PART_SIMULATOR] => [Outside("viewers")];
+
+    /// A station with its tool as URDF; its joints are those of joint_states, its links the frames of /tf
+    TOOL_DESCRIPTION: TopicSpec<Text> = TopicSpec::new(STATION, "robot_description", Qos::latched()),
+        [OVERHEAD_MANIPULATOR] => [Outside("viewers")];
+
+    /// The tray's running surface and walls as triangles, in the tray's frame, m
+    TRAY_MARKERS: TopicSpec<MarkerArray> = TopicSpec::new(FEEDER, "markers/tray", Qos::latched()),
+        [PART_SIMULATOR] => [Outside("viewers")];
+
+    /// Ground truth for the eye: every part as it lies, coloured by its resting pose, in the tray's frame, m; ten times a second while somebody looks
+    PART_MARKERS: TopicSpec<MarkerArray> = TopicSpec::new(FEEDER, "markers/parts", Qos::command()),
+        [PART_SIMULATOR] => [Outside("viewers")];
+
+    /// A ring round every part seen, coloured by what the selector says of it, in the tray's frame, m; for each picture while somebody looks
+    CANDIDATE_MARKERS: TopicSpec<MarkerArray> = TopicSpec::new(FEEDER, "markers/candidates", Qos::command()),
+        [VISION_SELECTOR] => [Outside("viewers")];
 
     /// Ground truth of every part, in polar coordinates of the tray, m and rad; nobody in the feeder hears it
     PARTS: TopicSpec<PartStates> = TopicSpec::new(FEEDER, "parts", Qos::sensor()),

@@ -3,6 +3,7 @@
 mod calibration;
 mod mounted_tray;
 mod spec;
+mod tray_triangles;
 
 pub use calibration::CameraModel;
 pub use mounted_tray::MountedTray;

@@ -1,5 +1,6 @@
 //! The part: its shape, mass, friction and the ways it can lie.
 
+mod drawn;
 mod hazard;
 mod part_type;
 mod refusals;

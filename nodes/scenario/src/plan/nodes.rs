@@ -53,8 +53,10 @@ pub struct CourierDriverConfig {
     pub feeder: String,
     /// Seed of the random numbers of the feeder.
     pub seed: u64,
-    /// Foot of the ramp above the platen, m.
-    pub tray_floor_height_m: f64,
+    /// The tray and how it sits on the courier.
+    pub tray: MountedTray,
+    /// Radius of the disc about the tray's centre that covers the courier, m.
+    pub footprint_radius_m: f64,
     /// What the driver is set up with.
     pub courier: CourierConfig,
     /// The motor that is simulated. The driver does not know it.
@@ -71,6 +73,7 @@ impl CourierDriverConfig {
     pub(super) fn check_values(&self) -> Result<(), ScenarioError> {
         self.motor.validate().map_err(|error| invalid("world", &error))?;
         self.courier.validate().map_err(|error| invalid("courier", &error))?;
+        self.tray.validate().map_err(|error| invalid("tray", &error))?;
         let servo_ticks = self.tick_ms as f64 * 1e-3 / self.courier.servo_period_s;
         if (servo_ticks - servo_ticks.round()).abs() > 1e-9 {
             let problem = format!("tick_ms = {} holds no whole number of courier.servo_period_s", self.tick_ms);

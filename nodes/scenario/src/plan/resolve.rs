@@ -77,7 +77,8 @@ impl Scenario {
             tick_ms: self.time.tick_ms,
             feeder: self.feeder.clone(),
             seed: self.seed,
-            tray_floor_height_m: self.tray.floor_height_m,
+            tray: self.tray,
+            footprint_radius_m: self.delivery.footprint_radius_m,
             courier: self.courier(part),
             motor: self.world.motor.parameters().map_err(|problem| invalid("world", &problem))?,
         })
