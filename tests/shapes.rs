@@ -25,7 +25,10 @@ use crate::common::{FEEDER, Run, Up, wait_for};
 
 const STATION: &str = "/station_1";
 
-/// All that has come on a topic.
+/// Messages that are kept of a topic.
+const KEPT: usize = 300;
+
+/// The newest that has come on a topic.
 struct Heard<M> {
     messages: Arc<Mutex<Vec<M>>>,
     _reader: Reader,
@@ -35,7 +38,12 @@ impl<M: Message> Heard<M> {
     fn on(participant: &Participant, topic: &TopicSpec<M>, namespace: &str) -> Self {
         let messages = Arc::new(Mutex::new(Vec::new()));
         let heard = Arc::clone(&messages);
-        let take = move |sample: feeder_runtime::dds::Sample| heard.lock().unwrap().push(sample.decode().unwrap());
+        let take = move |sample: feeder_runtime::dds::Sample| {
+            let mut heard = heard.lock().unwrap();
+            heard.push(sample.decode().unwrap());
+            let old = heard.len().saturating_sub(KEPT);
+            heard.drain(..old);
+        };
         Self { messages, _reader: participant.topic_reader(topic, namespace, take).unwrap() }
     }
 
@@ -199,12 +207,11 @@ fn markers_are_where_parts_and_candidates_are() {
     }
     let (found, rings) = wait_for("candidates and their markers of one stamp", || {
         let all = seen.all();
-        let found = |array: &MarkerArray| all.iter().find(|found| found.header.stamp == stamp(array)).cloned();
-        ringed
-            .all()
-            .into_iter()
-            .find_map(|array| Some((found(&array)?, array)))
-            .filter(|(found, _)| found.parts.len() > 2)
+        let some = all.iter().filter(|found| found.parts.len() > 2);
+        some.rev().find_map(|found| {
+            let array = ringed.all().into_iter().find(|array| stamp(array) == found.header.stamp)?;
+            Some((found.clone(), array))
+        })
     });
     let candidates = part_candidates::from_message(&found).unwrap();
     assert_eq!(rings.markers.len(), candidates.len() + 1);

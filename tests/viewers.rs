@@ -78,7 +78,8 @@ fn rviz_shows_what_there_is() {
     let manager = &config["Visualization Manager"];
     let mut shown = Vec::new();
     for display in manager["Displays"].as_array().unwrap() {
-        let topic = if display["Description Topic"].is_null() { &display["Topic"] } else { &display["Description Topic"] };
+        let topic =
+            if display["Description Topic"].is_null() { &display["Topic"] } else { &display["Description Topic"] };
         if let Some(name) = topic["Value"].as_str() {
             let class = display["Class"].as_str().unwrap();
             let wanted = DISPLAYS.iter().find(|(known, _)| *known == class);

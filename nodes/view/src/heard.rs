@@ -13,8 +13,8 @@ use minifactory_msgs::Message;
 use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
 use minifactory_msgs::interface::TopicSpec;
 use minifactory_msgs::msg::{
-    AreaLeases, CourierState, DeliveryState, Factsheet, FeedMetrics, FeederState, PartCandidates, PartStates, PickEvent,
-    RunProgress, TrayMotion, Waveform,
+    AreaLeases, CourierState, DeliveryState, Factsheet, FeedMetrics, FeederState, PartCandidates, PartStates,
+    PickEvent, RunProgress, TrayMotion, Waveform,
 };
 use minifactory_msgs::nav_msgs::msg::Odometry;
 use minifactory_msgs::rcl_interfaces::msg::Log;

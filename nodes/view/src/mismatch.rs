@@ -15,7 +15,8 @@ const STATION_M: f64 = 1e-6;
 
 /// How what is heard of a feeder contradicts what is shown, for people.
 pub(crate) fn mismatch(cell: &Description, feeder: &Feeder, heard: &FeederHeard) -> Option<String> {
-    let said: Vec<String> = [part(cell, heard), tray(feeder, heard), station(cell, heard)].into_iter().flatten().collect();
+    let said: Vec<String> =
+        [part(cell, heard), tray(feeder, heard), station(cell, heard)].into_iter().flatten().collect();
     let runs = "what runs is not the scenario that is shown";
     (!said.is_empty()).then(|| format!("{runs}: {}; give --scenario what was given to the run", said.join(", ")))
 }
@@ -28,7 +29,8 @@ fn part(cell: &Description, heard: &FeederHeard) -> Option<String> {
 }
 
 fn tray(feeder: &Feeder, heard: &FeederHeard) -> Option<String> {
-    let points = |array: &MarkerArray| array.markers.iter().flat_map(|marker| marker.points.clone()).collect::<Vec<_>>();
+    let points =
+        |array: &MarkerArray| array.markers.iter().flat_map(|marker| marker.points.clone()).collect::<Vec<_>>();
     let drawn = points(&heard.tray.latest()?);
     (drawn != points(&markers::tray(&Header::default(), &feeder.tray))).then(|| "its tray has another shape".to_owned())
 }
