@@ -35,6 +35,8 @@ impl MountedTray {
         }
         let drop_off = [at(rim_m, 0.0, 0.0), at(hub_m, 0.0, 0.0), at(hub_m, 0.0, g.rise_m), at(rim_m, 0.0, g.rise_m)];
         triangles.extend(halves(drop_off));
+        // The wall begins without height.
+        triangles.retain(|[a, b, c]| (b - a).cross(&(c - a)).norm() > 0.0);
         triangles
     }
 }

@@ -31,10 +31,11 @@ use crate::cdr::{self, CdrError};
 /// found seconds after their first request.
 const MATCH_PATIENCE: Duration = Duration::from_secs(5);
 /// How long a reply waits to be acknowledged before it is sent again as a new sample: doubled each time. DDS repeats by
-/// itself what was lost on the way; this is for a client that had not found the server yet, and it must not come sooner
+/// itself what was lost on the way; this is for a client that had not found the server yet, and it should not come sooner
 /// than a busy client acknowledges: some say so when they get a reply twice.
-const FIRST_RESEND_AFTER: Duration = Duration::from_secs(1);
-/// How often a reply is sent before it is given up. Clients drop what they receive twice.
+const FIRST_RESEND_AFTER: Duration = Duration::from_millis(250);
+/// How often a reply is sent before it is given up. All turns together are shorter than any client's lease, 10 s or more:
+/// when it has run out, the library takes the reply to one that was killed for acknowledged.
 const SEND_COUNT_MAX: u32 = 4;
 /// Pause before a reply that found the writer full is tried again.
 const FULL_PAUSE: Duration = Duration::from_millis(5);
