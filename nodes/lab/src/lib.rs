@@ -10,6 +10,7 @@ pub mod identify;
 mod identify_motor;
 mod plan_move;
 mod plot;
+pub mod results;
 mod slip_study;
 mod try_motors;
 mod try_suite;
@@ -40,6 +41,7 @@ enum Command {
     Optimize(analysis::optimize::Args),
     PlanMove(plan_move::Args),
     Plot(plot::Args),
+    Results(results::Args),
     ScorePictures(vision::score_pictures::Args),
     ScoreVision(vision::score_vision::Args),
     VisionSensitivity(vision::sensitivity::Args),
@@ -78,6 +80,7 @@ pub fn main() -> ExitCode {
             feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
             plot::run(&args)
         }
+        Command::Results(args) => results::run(&args),
         Command::ScorePictures(args) => vision::score_pictures::run(&args),
         Command::ScoreVision(args) => vision::score_vision::run(&args),
         Command::VisionSensitivity(args) => vision::sensitivity::run(&args),
