@@ -16,6 +16,9 @@ use crate::common::{FEEDER, Outcome, Up};
 /// Largest slip of a part that was carried gently, m.
 const GENTLE_SLIP_M: f64 = 1e-4;
 
+/// What the planner says when far fewer parts come than computed.
+const FEW_COME: &str = "of the parts come up the ramp that the waveform should bring";
+
 #[test]
 fn parts_that_move_otherwise_than_computed_are_told_of() {
     // Control believes less friction than there is: on the plateau parts then slide less far, 0.79 times.
@@ -30,12 +33,22 @@ fn parts_that_move_otherwise_than_computed_are_told_of() {
 }
 
 #[test]
+fn parts_that_do_not_come_up_the_ramp_are_told_of() {
+    // Control believes a fifth more friction than there is, and the waveform is designed for that: parts hardly climb.
+    let mut scenario = Scenario::default();
+    scenario.believed.part_friction = Some(0.24);
+    let outcome = Up::new("--duration 60 --composed").scenario(&scenario).success();
+    assert!(outcome.stderr.contains(FEW_COME), "{}", outcome.stderr);
+}
+
+#[test]
 fn every_motor_that_comes_with_a_scenario_of_its_own_feeds() {
     let launch_configs = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("launch_configs");
     for motor in ["xplanar_apm4220", "xplanar_apm4330", "xplanar_apm4550"] {
         let scenario = launch_configs.join(motor).with_extension("yaml");
         let outcome = Up::new("--duration 30 --composed").scenario_file(&scenario).success();
         assert!(outcome.number("delivered") >= 3.0, "{motor}: {}", outcome.summary());
+        assert!(!outcome.stderr.contains(FEW_COME), "{motor}: {}", outcome.stderr);
         assert!(outcome.number("wrong_pose_delivered").abs() < 0.5, "{motor}: {}", outcome.summary());
         assert!(outcome.number("max_slip_m") < GENTLE_SLIP_M, "{motor}: {}", outcome.summary());
     }
@@ -44,6 +57,7 @@ fn every_motor_that_comes_with_a_scenario_of_its_own_feeds() {
 #[test]
 fn the_built_in_scenario_delivers_parts_the_right_way_up_and_without_slip() {
     let outcome = Up::new("--duration 60").success();
+    assert!(!outcome.stderr.contains(FEW_COME), "{}", outcome.stderr);
     assert!(outcome.number("delivered") >= 3.0, "{}", outcome.summary());
     assert!(outcome.number("selected") >= outcome.number("delivered"), "{}", outcome.summary());
     assert!(outcome.number("fed") >= outcome.number("selected"), "{}", outcome.summary());

@@ -11,6 +11,7 @@ mod messages;
 use std::time::Duration;
 
 use feeder_control::courier::{self, Commander, DriverEvent, DriverStatus, GoalHandle, Rejection};
+use feeder_model::motor::{CarriedParts, Load};
 use feeder_model::seed::seed_for;
 use feeder_runtime::node::{
     ActionServer, ActionServerPorts, Declare, FeederNode, GoalId, GoalRequest, Lifecycle, LifecyclePorts,
@@ -39,7 +40,7 @@ pub struct Ports {
     topics: Topics,
     services: Services,
     trajectory: ActionServerPorts<FollowJointTrajectory>,
-    truth: machine::TruthPort,
+    truth: machine::TruthPorts,
 }
 
 struct Topics {
@@ -77,12 +78,44 @@ pub struct CourierDriver {
     /// The courier as URDF.
     description: Text,
     goals: Vec<(GoalHandle, GoalId)>,
+    carried: Carried,
     /// The waveform last accepted, its stamp left out: hearing it again changes nothing.
     accepted: Option<msg::Waveform>,
     /// Why the waveform last heard was refused.
     refused: Option<String>,
     /// Number of the waveform last heard, for the generator to know that it was.
     heard_sequence: u32,
+}
+
+/// What the driver reckons that the tray carries: it hears of every part that is handed over.
+struct Carried {
+    parts: CarriedParts,
+    /// What the tray carries beside parts.
+    own: Load,
+    /// Parts that the planner said last it had delivered, and all that were since the start.
+    said: u32,
+    taken: u32,
+    /// Parts that the driver was told last are there.
+    told: u32,
+}
+
+impl Carried {
+    fn new(parts: CarriedParts, full: &Load) -> Self {
+        Self { parts, own: parts.without(full), said: 0, taken: 0, told: parts.left(0) }
+    }
+
+    /// Takes the planner's count, which begins anew when the planner does. Gives the number of parts left, if it is not what
+    /// the driver was told.
+    fn hear(&mut self, delivered: u32) -> Option<u32> {
+        let more = delivered.checked_sub(self.said).unwrap_or(delivered);
+        self.said = delivered;
+        self.taken = self.taken.saturating_add(more);
+        Some(self.parts.left(self.taken)).filter(|left| *left != self.told)
+    }
+
+    fn load(&self, left: u32) -> Load {
+        self.own.with(left.into(), &self.parts.part)
+    }
 }
 
 impl FeederNode for CourierDriver {
@@ -142,7 +175,13 @@ impl FeederNode for CourierDriver {
             trajectory: ActionServer::new(ports.trajectory),
             driver,
             servo_ticks,
-            truth: machine::Truth::new(ports.truth, Self::tick(config)),
+            truth: machine::Truth::new(
+                ports.truth,
+                Self::tick(config),
+                config.parts.without(&config.courier.load),
+                config.parts.part.mass_kg,
+            ),
+            carried: Carried::new(config.parts, &config.courier.load),
             tick: Self::tick(config),
             name: format!("/{}/{}", config.feeder, Self::NAME),
             names: messages::Names::new(&config.feeder),
@@ -161,6 +200,7 @@ impl FeederNode for CourierDriver {
             driver.set_active(state == LifecycleState::Active);
             Ok(())
         });
+        self.truth.hear(io, self.driver.motor_mut());
         // First the tick that has just passed, under the commands that were known then.
         let ran = if io.tick() > 0 { self.servo_ticks } else { 0 };
         let output = self.driver.step(ran);
@@ -219,8 +259,9 @@ impl CourierDriver {
             self.heard_sequence = message.sequence;
             self.take_waveform(message);
         }
-        if !io.take(&self.topics.delivery_state).is_empty() {
+        if let Some(newest) = io.take(&self.topics.delivery_state).pop() {
             self.driver.hear(Commander::Planner);
+            self.unload(newest.delivered);
         }
         for event in self.trajectory.poll(io) {
             match event {
@@ -247,6 +288,17 @@ impl CourierDriver {
         for (asker, _) in io.requests(&self.services.reset_fault) {
             let reset = self.driver.reset_fault().map(|()| "");
             io.reply(&self.services.reset_fault, asker, &response::to_message(reset));
+        }
+    }
+
+    /// Lets the driver reckon with the parts that are left. A load that it cannot take now is told again with the planner's
+    /// next sign of life.
+    fn unload(&mut self, delivered: u32) {
+        if let Some(left) = self.carried.hear(delivered) {
+            match self.driver.set_load(self.carried.load(left)) {
+                Ok(()) => self.carried.told = left,
+                Err(reason) => tracing::debug!("the load of {left} parts waits: {reason}"),
+            }
         }
     }
 
@@ -286,5 +338,28 @@ impl CourierDriver {
                 self.trajectory.reject_with(io, request, &reason, trajectory::to_result(end));
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_handed_over_are_taken_off_the_load_also_when_the_planner_counts_anew() {
+        let part = Load { mass_kg: 2e-3, inertia_kg_m2: 1.4e-5 };
+        let parts = CarriedParts { part, count_max: 20, refill_below: 15 };
+        let mut carried = Carried::new(parts, &Load { mass_kg: 0.14, inertia_kg_m2: 1.28e-3 });
+        assert_eq!(carried.hear(0), None);
+        assert_eq!(carried.hear(2), Some(18));
+        assert!((carried.load(18).mass_kg - 0.136).abs() < 1e-12);
+        // Told again until the driver takes it.
+        assert_eq!(carried.hear(2), Some(18));
+        carried.told = 18;
+        assert_eq!(carried.hear(2), None);
+        assert_eq!(carried.hear(1), Some(17));
+        carried.told = 17;
+        // What the hopper keeps there stays.
+        assert_eq!(carried.hear(9), Some(15));
     }
 }

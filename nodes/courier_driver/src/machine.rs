@@ -1,16 +1,17 @@
 //! The machine that the driver drives, here a simulated one.
 //!
 //! This is where another machine is plugged in: a type that is a [`PlanarMotor`](feeder_model::motor::PlanarMotor), and how
-//! to connect to it. A simulated motor has one thing to do that hardware does not: it tells the simulated parts how the tray
-//! really moved. The driver knows nothing of that.
+//! to connect to it. A simulated motor has two things to do that hardware does not: it tells the simulated parts how the tray
+//! really moved, and carries as many of them as there really are. The driver knows nothing of that.
 
 use std::time::Duration;
 
-use feeder_runtime::node::{Declare, NodeError, Publisher, StepIo, stamp_of_ns};
+use feeder_model::motor::Load;
+use feeder_runtime::node::{Declare, NodeError, Publisher, StepIo, Subscriber, stamp_of_ns};
 use feeder_scenario::SimulatedCourier;
 use feeder_sim::motor::SimulatedMotor;
 use feeder_wire::{frames, topics};
-use minifactory_msgs::msg::TrayMotion;
+use minifactory_msgs::msg::{PartStates, TrayMotion};
 
 /// The motor.
 pub(crate) type Motor = SimulatedMotor;
@@ -23,23 +24,44 @@ pub(crate) fn connect(courier: &SimulatedCourier, seed: u64) -> Result<Motor, No
     courier.simulated_motor(seed).map_err(NodeError::new)
 }
 
-/// Handle of the port on which the truth goes out.
-pub(crate) type TruthPort = Publisher<TrayMotion>;
-
-pub(crate) fn declare(io: &mut Declare) -> TruthPort {
-    io.publisher(&topics::TRAY_MOTION)
+/// Handles of the ports between the simulated motor and the simulated parts.
+pub(crate) struct TruthPorts {
+    motion: Publisher<TrayMotion>,
+    parts: Subscriber<PartStates>,
 }
 
-/// Tells how the tray really moved.
+pub(crate) fn declare(io: &mut Declare) -> TruthPorts {
+    TruthPorts { motion: io.publisher(&topics::TRAY_MOTION), parts: io.subscriber(&topics::PARTS) }
+}
+
+/// Tells the parts how the tray really moved, and the motor what it really carries.
 pub(crate) struct Truth {
-    port: TruthPort,
+    ports: TruthPorts,
     tick: Duration,
     sequence: u32,
+    /// What the tray carries beside parts, and the mass of a part, kg.
+    own: Load,
+    part_kg: f64,
+    /// Parts that the motor carries; none before it has heard of any.
+    carried: Option<usize>,
 }
 
 impl Truth {
-    pub(crate) fn new(port: TruthPort, tick: Duration) -> Self {
-        Self { port, tick, sequence: 0 }
+    pub(crate) fn new(ports: TruthPorts, tick: Duration, own: Load, part_kg: f64) -> Self {
+        Self { ports, tick, sequence: 0, own, part_kg, carried: None }
+    }
+
+    /// Hears which parts there are. The motor is loaded with them where they are when their number changes; what they move
+    /// between is little.
+    pub(crate) fn hear(&mut self, io: &mut StepIo, motor: &mut Motor) {
+        let Some(newest) = io.take(&self.ports.parts).pop() else { return };
+        if self.carried == Some(newest.parts.len()) {
+            return;
+        }
+        self.carried = Some(newest.parts.len());
+        let part = |radius_m: f64| Load { mass_kg: self.part_kg, inertia_kg_m2: self.part_kg * radius_m * radius_m };
+        let load = newest.parts.iter().fold(self.own, |load, state| load.with(1.0, &part(state.radius_m)));
+        motor.set_load(&load);
     }
 
     /// Publishes the motion in the tick that has just passed.
@@ -50,6 +72,6 @@ impl Truth {
         frames::PLATEN.clone_into(&mut message.header.frame_id);
         message.sequence = self.sequence;
         self.sequence += 1;
-        io.publish(&self.port, &message);
+        io.publish(&self.ports.motion, &message);
     }
 }

@@ -170,8 +170,9 @@ impl DeliveryPlanner {
     fn end_change(&mut self, io: &mut StepIo, asker: Asker, recipe: usize, outcome: Result<(), String>) {
         if outcome.is_ok() {
             self.recipe = recipe;
-            self.sequencer.expect_feed(self.recipes[recipe].plateau_feed.clone());
-            self.fact.recipe.clone_from(&self.recipes[recipe].name);
+            let recipe = &self.recipes[recipe];
+            self.sequencer.expect_feed(recipe.plateau_feed.clone(), recipe.climb_per_s);
+            self.fact.recipe.clone_from(&recipe.name);
             self.said_fact = false;
         }
         io.reply(&self.ports.change_recipe, asker, &response::to_message(outcome.map(|()| "")));
@@ -232,7 +233,10 @@ impl DeliveryPlanner {
     pub(crate) fn finish(&mut self, io: &mut StepIo, id: DeliveryId, result: &Result<Delivered, Failure>) {
         let outcome = result.as_ref().err().map_or(Outcome::Delivered, messages::outcome);
         match result {
-            Ok(_) => self.said.delivered += 1,
+            Ok(_) => {
+                self.said.delivered += 1;
+                self.sequencer.carry(self.parts.left(self.said.delivered));
+            }
             Err(_) => self.said.failed_by_outcome[usize::from(deliver_part::outcome_number(outcome))] += 1,
         }
         self.publish_delivery_state(io);

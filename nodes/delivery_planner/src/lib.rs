@@ -10,6 +10,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 use feeder_control::delivery::{CourierReport, DeliveryId, DeliverySequencer, MoveId, Output, ReserveId};
+use feeder_model::motor::CarriedParts;
 use feeder_model::seed::generator;
 use feeder_model::trajectory::Tolerances;
 use feeder_runtime::node::{
@@ -75,6 +76,7 @@ pub struct DeliveryPlanner {
     trajectory: ActionClient<FollowJointTrajectory>,
     deliver: ActionServer<DeliverPart>,
     sequencer: DeliverySequencer,
+    parts: CarriedParts,
     feeder: String,
     part_class: String,
     tray_frame: String,
@@ -147,13 +149,15 @@ impl FeederNode for DeliveryPlanner {
         let mut sequencer = DeliverySequencer::new(config.delivery(), config.tray.geometry, config.limits, config.load)
             .map_err(NodeError::new)?;
         if let Some(recipe) = config.recipes.first() {
-            sequencer.expect_feed(recipe.plateau_feed.clone());
+            sequencer.expect_feed(recipe.plateau_feed.clone(), recipe.climb_per_s);
         }
+        sequencer.carry(config.parts.left(0));
         Ok(Self {
             ports: ports.plain,
             trajectory: ActionClient::new(ports.trajectory),
             deliver: ActionServer::new(ports.deliver),
             sequencer,
+            parts: config.parts,
             feeder: config.feeder.clone(),
             part_class: config.part_class.clone(),
             tray_frame: frames::tray(&config.feeder),

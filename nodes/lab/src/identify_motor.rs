@@ -1,6 +1,7 @@
 //! `feeder-lab identify-motor`: how the courier answers, as its driver has measured it, beside how the simulated motor does.
 
 use std::f64::consts::TAU;
+use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::Args as ClapArgs;
@@ -8,8 +9,9 @@ use nalgebra::Complex;
 
 use crate::experiment::feed::FeedTrial;
 use crate::experiment::motors;
+use crate::try_motors;
 use feeder_control::courier::{CourierConfig, LearningParameters, PlantModel, VibrationPhase};
-use feeder_scenario::{SimulatedCourier, SimulatedDriver, assumed_motor};
+use feeder_scenario::{SimulatedCourier, SimulatedDriver};
 use feeder_sim::motor::MotorParameters;
 
 /// Measures how a motor answers in yaw and prints it beside the truth: magnitudes over that of a rigid courier of nominal
@@ -19,6 +21,9 @@ pub(crate) struct Args {
     /// The motor: the first of `try-motors` whose name contains this.
     #[arg(long, default_value = "as assumed")]
     plant: String,
+    /// Scenario file (YAML) whose motor and courier are varied, in place of the assumed ones.
+    #[arg(long, value_name = "FILE")]
+    scenario: Option<PathBuf>,
     /// How long the waveform runs, s; after half a second the excitation alone has been seen.
     #[arg(long, default_value_t = 3.0, value_parser = clap::value_parser!(f64))]
     duration: f64,
@@ -28,9 +33,9 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let learning = LearningParameters { enabled: true, ..LearningParameters::default() };
-    let config = CourierConfig { learning, ..CourierConfig::default() };
-    let plants = motors::plants(assumed_motor());
+    let (motor, base) = try_motors::base(args.scenario.as_deref())?;
+    let config = CourierConfig { learning: LearningParameters { enabled: true, ..base.learning }, ..base };
+    let plants = motors::plants(motor);
     let plant = plants.iter().find(|plant| plant.name.contains(&args.plant));
     let plant = plant.with_context(|| format!("--plant: {}", motors::unknown(&args.plant, &plants)))?;
     let period_s = config.servo_period_s;

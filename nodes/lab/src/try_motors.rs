@@ -1,12 +1,16 @@
 //! `feeder-lab try-motors`: what the courier feeds on motors that its controller was not made for.
 
-use anyhow::{Result, ensure};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, anyhow, ensure};
 use clap::Args as ClapArgs;
 
 use crate::experiment::feed::FeedTrial;
 use crate::experiment::motors::{self, PlantRun};
+use feeder::up::{self, UpArgs};
 use feeder_control::courier::CourierConfig;
 use feeder_scenario::assumed_motor;
+use feeder_sim::motor::MotorParameters;
 
 /// Feeds on motors that the courier's controller was not made for, with learning and with feedback alone.
 #[derive(Debug, ClapArgs)]
@@ -23,6 +27,21 @@ pub(crate) struct Args {
     /// Seed of the motors drawn.
     #[arg(long, default_value_t = 1)]
     draw_seed: u64,
+    /// Scenario file (YAML) whose motor and courier are varied, in place of the assumed ones.
+    #[arg(long, value_name = "FILE")]
+    scenario: Option<PathBuf>,
+    /// Goes on listening to the driver up to this time of each run, s.
+    #[arg(long, default_value_t = 8.0)]
+    listen: f64,
+}
+
+/// The motor and the courier of a scenario, or those that are assumed.
+pub(crate) fn base(scenario: Option<&Path>) -> Result<(MotorParameters, CourierConfig)> {
+    let Some(file) = scenario else { return Ok((assumed_motor(), CourierConfig::default())) };
+    let options = UpArgs { scenario: Some(file.to_owned()), ..UpArgs::default() };
+    let scenario = up::load_scenario(&options)?;
+    let motor = scenario.world.motor.parameters().map_err(|problem| anyhow!(problem))?;
+    Ok((motor, CourierConfig { start: CourierConfig::default().start, ..scenario.courier }))
 }
 
 /// How many runs came out how.
@@ -57,29 +76,33 @@ impl Tally {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let config = CourierConfig::default();
+    let (motor, config) = base(args.scenario.as_deref())?;
     let trials = [
         ("paper, 30 Hz", FeedTrial::paper(config.servo_period_s)),
         ("built-in, 10 Hz", FeedTrial::built_in(config.servo_period_s)),
     ];
     let plants = match args.drawn {
-        Some(count) => motors::drawn(assumed_motor(), count, args.draw_seed),
-        None => motors::plants(assumed_motor()),
+        Some(count) => motors::drawn(motor, count, args.draw_seed),
+        None => motors::plants(motor),
     };
     let chosen: Vec<_> = plants.iter().filter(|plant| plant.name.contains(&args.only)).collect();
     ensure!(!chosen.is_empty(), "--only: {}", motors::unknown(&args.only, &plants));
-    println!("Feed on the ramp over that of the ideal tray: from 2 to 3 s after a cold start, and from 7 to 8 s.");
+    println!(
+        "Feed on the ramp over that of the ideal tray: from 2 to 3 s after a cold start, from 5 to 6 s, and from 7 to 8 s."
+    );
     for (name, trial) in trials {
         println!("\nWaveform: {name}\n");
-        println!("| Plant | Feedback 2 s | 7 s | Learning 2 s | 7 s | The driver said |\n|---|---|---|---|---|---|");
+        println!(
+            "| Plant | Feedback 2 s | 5 s | 7 s | Learning 2 s | 5 s | 7 s | The driver said |\n|---|---|---|---|---|---|---|---|"
+        );
         let mut tally = Tally::default();
         for plant in &chosen {
-            let feedback = motors::run(&trial, plant, config, false, args.seed)?;
-            let learning = motors::run(&trial, plant, config, true, args.seed)?;
+            let feedback = motors::run(&trial, plant, config, false, args.seed, 0.0)?;
+            let learning = motors::run(&trial, plant, config, true, args.seed, args.listen)?;
             let said = learning.said_s.map_or_else(String::new, |s| format!("{s:.1} s: {}", learning.said));
             let feed = |run: &PlantRun| {
                 let stopped = if run.is_fault { " fault" } else { "" };
-                format!("{:.3} | {:.3}{stopped}", run.after_2_s, run.after_7_s)
+                format!("{:.3} | {:.3} | {:.3}{stopped}", run.after_2_s, run.after_5_s, run.after_7_s)
             };
             println!("| {} | {} | {} | {said} |", plant.name, feed(&feedback), feed(&learning));
             tally.add(&learning, &feedback);

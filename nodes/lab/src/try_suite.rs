@@ -23,9 +23,15 @@ pub(crate) struct Args {
     /// The scenarios' motors as they are, and not their variations.
     #[arg(long)]
     as_is: bool,
-    /// Only variations whose name contains this.
+    /// Only motors whose name contains this.
     #[arg(long, default_value = "")]
     only: String,
+    /// In place of the variations, so many motors drawn at random, as `try-motors` draws them.
+    #[arg(long)]
+    drawn: Option<usize>,
+    /// Seed of the motors drawn.
+    #[arg(long, default_value_t = 1)]
+    draw_seed: u64,
     /// Simulated seconds of each run.
     #[arg(long, default_value_t = 60.0)]
     duration: f64,
@@ -132,10 +138,14 @@ fn parts(outcome: &Outcome) -> String {
 fn plants(scenario: &Scenario, args: &Args) -> Result<Vec<Plant>> {
     let motor = scenario.world.motor.parameters().map_err(|problem| anyhow!(problem))?;
     if args.as_is {
-        return Ok(vec![Plant { name: "as it is".to_owned(), motor, taken_away: Load::default() }]);
+        return Ok(vec![Plant { name: "as it is".to_owned(), motor, taken_away: Load::default(), is_told: false }]);
     }
-    let mut plants = motors::plants(motor);
-    plants.retain(|plant| VARIATIONS.contains(&plant.name.as_str()) && plant.name.contains(&args.only));
+    let mut plants = match args.drawn {
+        Some(count) => motors::drawn(motor, count, args.draw_seed),
+        None => motors::plants(motor),
+    };
+    plants.retain(|plant| args.drawn.is_some() || VARIATIONS.contains(&plant.name.as_str()));
+    plants.retain(|plant| plant.name.contains(&args.only));
     Ok(plants)
 }
 

@@ -181,7 +181,7 @@ fn verif_learning_feeds_as_computed_on_motors_it_was_not_made_for() {
         ("30 parts of 5 g taken away", 0.05),
     ];
     for (name, allowed) in rows {
-        let run = motors::run(&paper, &plant(name), CourierConfig::default(), true, 3).unwrap();
+        let run = motors::run(&paper, &plant(name), CourierConfig::default(), true, 3, 0.0).unwrap();
         let off = (run.after_2_s - 1.0).abs().max((run.after_7_s - 1.0).abs());
         assert!(off < allowed && !run.is_fault, "{name}: {run:?}");
     }
@@ -191,10 +191,10 @@ fn verif_learning_feeds_as_computed_on_motors_it_was_not_made_for() {
 fn a_motor_on_which_the_waveform_cannot_be_followed_is_told_within_two_seconds() {
     let paper = trial();
     for name in ["mode 120 Hz, 10 %, sensor on tray", "mode 180 Hz, 30 %, sensor on courier"] {
-        let run = motors::run(&paper, &plant(name), CourierConfig::default(), true, 1).unwrap();
+        let run = motors::run(&paper, &plant(name), CourierConfig::default(), true, 1, 0.0).unwrap();
         assert!(run.said_s.is_some_and(|said_s| said_s < 2.0), "{name}: {run:?}");
     }
-    let fine = motors::run(&paper, &plant("as assumed"), CourierConfig::default(), true, 1).unwrap();
+    let fine = motors::run(&paper, &plant("as assumed"), CourierConfig::default(), true, 1, 0.0).unwrap();
     assert_eq!(fine.said, "");
 }
 
@@ -202,7 +202,7 @@ fn a_motor_on_which_the_waveform_cannot_be_followed_is_told_within_two_seconds()
 fn a_light_tray_that_swings_where_the_sensor_does_not_see_it_is_told_and_fed_no_worse_than_by_feedback() {
     let paper = trial();
     for name in ["mode 400 Hz, 2 %, sensor on courier", "mode 400 Hz, 5 %, sensor on courier"] {
-        let run = |learning| motors::run(&paper, &plant(name), CourierConfig::default(), learning, 1).unwrap();
+        let run = |learning| motors::run(&paper, &plant(name), CourierConfig::default(), learning, 1, 0.0).unwrap();
         let (learned, fed_back) = (run(true), run(false));
         assert!(learned.said.contains("swings") || learned.said.contains("not followed"), "{name}: {learned:?}");
         let off = |run: &PlantRun| (run.after_7_s - 1.0).abs();
@@ -211,15 +211,27 @@ fn a_light_tray_that_swings_where_the_sensor_does_not_see_it_is_told_and_fed_no_
 }
 
 #[test]
-fn a_noisy_sensor_is_not_taken_for_one_out_of_calibration_at_once_and_one_that_is_is() {
-    // For eight seconds; after that noise of 2 µm passes for a disturbance of the lowest harmonics.
+fn a_load_that_is_taken_away_is_fed_forward_when_the_driver_is_told_and_found_within_two_seconds_when_not() {
+    let paper = trial();
+    let run = |name: &str| motors::run(&paper, &plant(name), CourierConfig::default(), true, 3, 0.0).unwrap();
+    let off = |feed: f64| (feed - 1.0).abs();
+    // 17 % of the inertia.
+    let (found, told) = (run("30 parts of 5 g taken away"), run("30 parts of 5 g taken away and told of"));
+    assert!(off(found.after_5_s) > 0.05 && off(found.after_7_s) < 0.03, "{found:?}");
+    assert!(off(told.after_5_s) < 0.03 && off(told.after_7_s) < 0.03 && told.said.is_empty(), "{told:?}");
+}
+
+#[test]
+fn a_noisy_sensor_is_not_taken_for_one_out_of_calibration_in_a_minute_and_one_that_is_is_at_once() {
     let built_in = FeedTrial::built_in(TICK_S);
-    for seed in [1, 2] {
-        let run = motors::run(&built_in, &plant("noise 2 µm"), CourierConfig::default(), true, seed).unwrap();
-        assert_eq!(run.said, "", "{seed}");
+    for (name, seeds) in [("noise 2 µm", 1..5), ("noise 1 µm", 5..6)] {
+        for seed in seeds {
+            let run = motors::run(&built_in, &plant(name), CourierConfig::default(), true, seed, 60.0).unwrap();
+            assert!(!run.said.contains("calibration"), "{name} {seed} {run:?}");
+        }
     }
-    let run =
-        motors::run(&built_in, &plant("sensor off by 0.5 % and 20 µm"), CourierConfig::default(), true, 1).unwrap();
+    let off = plant("sensor off by 0.5 % and 20 µm");
+    let run = motors::run(&built_in, &off, CourierConfig::default(), true, 1, 0.0).unwrap();
     assert!(run.said.contains("calibration") && run.said_s < Some(2.0), "{run:?}");
 }
 

@@ -6,13 +6,14 @@ use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_model::mechanics::annular::AnnularTrack;
 use feeder_model::mechanics::map::TrayMap;
 use feeder_model::mechanics::{Friction, MechanicsError};
-use feeder_model::motor::Load;
+use feeder_model::motor::{CarriedParts, Load};
 use feeder_model::part::PartType;
 use feeder_model::tray::Surface;
 use feeder_model::waveform::Waveform;
 use feeder_sim::camera::Scene;
 use feeder_vision::SelectorConfig;
 
+use crate::loading::LOADING_SPEED_SHARE;
 use crate::plan::SimulatedCamera;
 use crate::{Scenario, ScenarioError, invalid};
 
@@ -54,6 +55,36 @@ impl Scenario {
         Ok(rates.map_err(|error| invalid("waveform", &error))?.into_iter().flatten().collect())
     }
 
+    /// Share of the parts on the ramp that a waveform should bring up each second, 1/s, as far as control knows the friction:
+    /// the mean over the radii at which parts climb at half the speed of the outermost or more, spread evenly over the ramp.
+    ///
+    /// # Errors
+    /// A waveform that does not turn the tray.
+    pub(crate) fn climb_per_s(&self, part: &PartType, waveform: &Waveform) -> Result<Option<f64>, ScenarioError> {
+        /// Radii at which it is worked out, evenly spaced.
+        const RADII: u32 = 12;
+        let tray = self.tray.geometry;
+        let friction = self.believed.part_friction.map_or(Ok(part.friction), Friction::uniform);
+        let outermost_m = tray.outer_radius_m - part.outline_radius_m();
+        let climb = |radius_m: f64| -> Result<f64, MechanicsError> {
+            let track = AnnularTrack::new(tray, friction.clone()?, STANDARD_GRAVITY_M_S2)?;
+            let ramp = TrayMap::new(&track, waveform)?.at(radius_m)?.ramp;
+            Ok(ramp.map_or(0.0, |ramp| ramp.rate_rad_s))
+        };
+        let step_m = (outermost_m - tray.inner_radius_m) / f64::from(RADII);
+        let radii_m = (0..=RADII).map(|step| tray.inner_radius_m + step_m * f64::from(step));
+        let rates: Result<Vec<_>, _> = radii_m.map(|radius_m| Ok((radius_m, climb(radius_m)?))).collect();
+        let rates: Vec<(f64, f64)> = rates.map_err(|error: MechanicsError| invalid("waveform", &error))?;
+        let fastest_m_s = rates.last().map_or(0.0, |(radius_m, rate_rad_s)| radius_m * rate_rad_s);
+        let climbing: Vec<f64> = rates
+            .iter()
+            .filter(|(radius_m, rate_rad_s)| radius_m * rate_rad_s >= LOADING_SPEED_SHARE * fastest_m_s)
+            .map(|(_, rate_rad_s)| *rate_rad_s)
+            .collect();
+        let mean_rad_s = climbing.iter().sum::<f64>() / climbing.len().max(1) as f64;
+        Ok((fastest_m_s > 0.0).then_some(mean_rad_s / tray.ramp_angle_rad))
+    }
+
     /// What the driver is set up with, with the load that the tray carries.
     #[must_use]
     pub fn courier(&self, part: &PartType) -> CourierConfig {
@@ -64,13 +95,20 @@ impl Scenario {
     /// reckoned with as are there at the start, or as the hopper keeps there.
     #[must_use]
     pub fn load(&self, part: &PartType) -> Load {
-        let loaded = u64::from(self.parts_loaded) + self.parts_placed.len() as u64;
-        let parts_kg = loaded.max(self.refill_below.into()) as f64 * part.mass_kg;
+        let carried = self.carried_parts(part);
+        self.courier.load.with(carried.count_max.into(), &carried.part)
+    }
+
+    /// The parts that the tray carries.
+    #[must_use]
+    pub(crate) fn carried_parts(&self, part: &PartType) -> CarriedParts {
+        let placed = u32::try_from(self.parts_placed.len()).unwrap_or(u32::MAX);
         let tray = &self.tray.geometry;
         let gyration_m2 = 0.5 * (tray.inner_radius_m.powi(2) + tray.outer_radius_m.powi(2));
-        Load {
-            mass_kg: self.courier.load.mass_kg + parts_kg,
-            inertia_kg_m2: self.courier.load.inertia_kg_m2 + parts_kg * gyration_m2,
+        CarriedParts {
+            part: Load { mass_kg: part.mass_kg, inertia_kg_m2: part.mass_kg * gyration_m2 },
+            count_max: self.parts_loaded.saturating_add(placed).max(self.refill_below),
+            refill_below: self.refill_below,
         }
     }
 

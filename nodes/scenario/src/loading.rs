@@ -9,7 +9,7 @@ use feeder_model::part::PartType;
 use feeder_sim::parts::{BulkSettings, check_fit};
 
 /// Parts are loaded where they climb at least at this share of the speed they have at the outer wall.
-const LOADING_SPEED_SHARE: f64 = 0.5;
+pub(crate) const LOADING_SPEED_SHARE: f64 = 0.5;
 
 /// Radii tried for that.
 const RADII: u32 = 60;

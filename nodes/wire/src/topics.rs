@@ -86,9 +86,9 @@ interface! {
     CANDIDATE_MARKERS: TopicSpec<MarkerArray> = TopicSpec::new(FEEDER, "markers/candidates", Qos::command()),
         [VISION_SELECTOR] => [Outside("viewers")];
 
-    /// Ground truth of every part, in polar coordinates of the tray, m and rad; nobody in the feeder hears it
+    /// Ground truth of every part, in polar coordinates of the tray, m and rad; in the feeder only the simulated motor, which carries them, hears it
     PARTS: TopicSpec<PartStates> = TopicSpec::new(FEEDER, "parts", Qos::sensor()),
-        [PART_SIMULATOR] => [Forward(RUN_MONITOR), Outside("viewers")];
+        [PART_SIMULATOR] => [Feedback(COURIER_DRIVER), Forward(RUN_MONITOR), Outside("viewers")];
 
     /// Ground truth of every gripper that closed, its place in m
     PICKS: TopicSpec<PickEvent> = TopicSpec::new(FEEDER, "picks", Qos::command()),

@@ -5,8 +5,9 @@
 //! motion. The [`choice`] of parts works on what the vision selector saw and on where parts will come to rest (`drift`),
 //! and a [`tour`] brings several stations their parts on one trip. The [`DeliverySequencer`] strings it together: feed,
 //! stop, settle, look, reserve, move, present, return. While it feeds, `feed_watch` compares how parts move with how the
-//! waveform should move them.
+//! waveform should move them, and `arrival_watch` how many come with how many should.
 
+mod arrival_watch;
 pub mod choice;
 mod config;
 mod drift;

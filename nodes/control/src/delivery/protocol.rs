@@ -147,6 +147,16 @@ pub enum Warning {
         /// Speed over that computed.
         ratio: f64,
     },
+    /// Far fewer parts come up the ramp than the waveform should bring.
+    #[error(
+        "{:.0} % of the parts come up the ramp that the waveform should bring: the friction is lower than believed, parts \
+         block each other, or there are fewer in the feeder than it is believed to hold",
+        100.0 * share
+    )]
+    FewArrive {
+        /// Parts that come over those to be expected.
+        share: f64,
+    },
     /// The courier could not return to the feeding place.
     #[error("the return to the feeding place failed: {0}")]
     ReturnFailed(String),

@@ -260,6 +260,29 @@ fn starvation_is_no_fault_but_a_warning_and_the_timeout_a_failure() {
 }
 
 #[test]
+fn where_parts_are_and_do_not_come_nobody_is_told_to_load_some() {
+    let mut world = World::new(Faults::default(), config());
+    world.barren = true;
+    world.sequencer.expect_feed(Vec::new(), Some(0.06));
+    world.sequencer.carry(20);
+    world.request("right", None);
+    world.run(35);
+    let said = |is: fn(&Warning) -> bool| {
+        world.log.iter().filter(|(_, output)| matches!(output, Output::Warning(warning) if is(warning))).count()
+    };
+    assert_eq!(said(|warning| matches!(warning, Warning::FewArrive { share } if *share < 0.01)), 1);
+    assert_eq!(said(|warning| matches!(warning, Warning::Starved(_))), 0);
+    assert!(world.sequencer.is_starved() && world.sequencer.feed_trouble().is_some());
+    // Without any the waveform cannot bring any.
+    let mut empty = World::new(Faults::default(), config());
+    empty.barren = true;
+    empty.sequencer.expect_feed(Vec::new(), Some(0.06));
+    empty.request("right", None);
+    empty.run(35);
+    assert!(empty.sequencer.is_starved() && empty.sequencer.feed_trouble().is_none());
+}
+
+#[test]
 fn a_fault_of_the_courier_ends_every_delivery_at_once_and_is_over_when_the_couriers_is() {
     let mut world = World::new(Faults::default(), config());
     world.barren = true;

@@ -18,8 +18,10 @@ pub struct Plant {
     pub name: String,
     /// Its parameters.
     pub motor: MotorParameters,
-    /// What is taken off the tray after five seconds without a word to the driver.
+    /// What is taken off the tray after five seconds.
     pub taken_away: Load,
+    /// Whether the driver is told of that.
+    pub is_told: bool,
 }
 
 /// What a run on a motor shows.
@@ -27,7 +29,9 @@ pub struct Plant {
 pub struct PlantRun {
     /// Feed on the ramp over that of the ideal tray from 2 to 3 s after a cold start.
     pub after_2_s: f64,
-    /// The same from 7 to 8 s: two seconds after anything was taken away.
+    /// The same from 5 to 6 s: as soon as anything was taken away.
+    pub after_5_s: f64,
+    /// The same from 7 to 8 s: two seconds after that.
     pub after_7_s: f64,
     /// When the driver said first that something was wrong, s.
     pub said_s: Option<f64>,
@@ -40,7 +44,8 @@ pub struct PlantRun {
 /// When parts are taken away, s.
 const TAKEN_S: f64 = 5.0;
 
-/// Runs a plant on a waveform, with learning or with feedback and feed-forward alone.
+/// Runs a plant on a waveform, with learning or with feedback and feed-forward alone, for 8 s, and listens to the driver for
+/// `listen_s` if that is longer.
 ///
 /// # Errors
 /// A parameter out of its range, or a waveform refused.
@@ -50,6 +55,7 @@ pub fn run(
     config: CourierConfig,
     learning: bool,
     seed: u64,
+    listen_s: f64,
 ) -> Result<PlantRun, Rejection> {
     let learning = LearningParameters { enabled: learning, ..config.learning };
     let courier =
@@ -70,14 +76,20 @@ pub fn run(
     let settle = run(&mut driver, 2.0);
     let over = run(&mut driver, 3.0);
     let [after_2_s, _] = trial.relative(&settle, &over);
-    run(&mut driver, TAKEN_S);
+    run(&mut driver, TAKEN_S - 1.0);
+    let settle = run(&mut driver, TAKEN_S);
     driver.motor_mut().set_load(&Load::default());
-    run(&mut driver, TAKEN_S + 1.0);
+    if plant.is_told {
+        driver.set_load(Load::default())?;
+    }
+    let over = run(&mut driver, TAKEN_S + 1.0);
+    let [after_5_s, _] = trial.relative(&settle, &over);
     let settle = run(&mut driver, TAKEN_S + 2.0);
     let over = run(&mut driver, TAKEN_S + 3.0);
     let [after_7_s, _] = trial.relative(&settle, &over);
+    run(&mut driver, listen_s);
     let Said { since_s, last, is_fault } = said;
-    Ok(PlantRun { after_2_s, after_7_s, said_s: since_s, said: last, is_fault })
+    Ok(PlantRun { after_2_s, after_5_s, after_7_s, said_s: since_s, said: last, is_fault })
 }
 
 /// What the driver says while it runs.
@@ -120,8 +132,12 @@ pub(crate) fn unknown(name: &str, plants: &[Plant]) -> String {
 /// Variations of `base`, the rows of the table in `docs/concepts/learning_control.md`.
 #[must_use]
 pub fn plants(base: MotorParameters) -> Vec<Plant> {
-    let plant =
-        |name: &str, motor: MotorParameters| Plant { name: name.to_owned(), motor, taken_away: Load::default() };
+    let plant = |name: &str, motor: MotorParameters| Plant {
+        name: name.to_owned(),
+        motor,
+        taken_away: Load::default(),
+        is_told: false,
+    };
     let torque_ripple = |ripple: f64| MotorParameters { ripple, ripple_phase_rad: [0.0, PI, 0.0, PI], ..base };
     let mut all = vec![plant("as assumed", base)];
     for factor in [0.0, 0.6, 2.0, 3.0] {
@@ -162,9 +178,11 @@ pub fn plants(base: MotorParameters) -> Vec<Plant> {
         ..torque_ripple(0.15)
     };
     all.push(plant("inertia x 1.4, delay, lag x 2, ripple 15 %, 1 µm", combined));
-    for mass_g in [2.0, 5.0] {
-        let name = format!("30 parts of {mass_g} g taken away");
-        all.push(Plant { name, motor: base, taken_away: parts(30.0, mass_g) });
+    for (told, is_told) in [("", false), (" and told of", true)] {
+        for mass_g in [2.0, 5.0] {
+            let name = format!("30 parts of {mass_g} g taken away{told}");
+            all.push(Plant { name, motor: base, taken_away: parts(30.0, mass_g), is_told });
+        }
     }
     all
 }
@@ -204,7 +222,7 @@ pub fn drawn(base: MotorParameters, count: usize, seed: u64) -> Vec<Plant> {
             "lag x {lag:.1}, delay x {delay:.1}, inertia x {inertia:.1}, {noise_um:.1} µm, ripple {:.0} %, {mode}",
             100.0 * ripple
         );
-        Plant { name, motor, taken_away: Load::default() }
+        Plant { name, motor, taken_away: Load::default(), is_told: false }
     };
     (0..count).map(plant).collect()
 }

@@ -5,7 +5,7 @@ use feeder_control::delivery::{DeliveryConfig, FeedRate, GentleParameters, Tethe
 use feeder_control::manipulator::ManipulatorConfig;
 use feeder_control::platen::Area;
 use feeder_model::camera::{CameraModel, MountedTray};
-use feeder_model::motor::Load;
+use feeder_model::motor::{CarriedParts, Load};
 use feeder_model::part::{PartSpec, PartType};
 use feeder_model::range::check_ranges;
 use feeder_model::tray::TrayGeometry;
@@ -57,8 +57,11 @@ pub struct CourierDriverConfig {
     pub tray: MountedTray,
     /// Radius of the disc about the tray's centre that covers the courier, m.
     pub footprint_radius_m: f64,
-    /// What the driver is set up with.
+    /// What the driver is set up with; its load is that with all parts.
     pub courier: CourierConfig,
+    /// The parts on the tray, which become fewer as they are handed over.
+    #[serde(default)]
+    pub parts: CarriedParts,
     /// The motor that is simulated. The driver does not know it.
     pub motor: MotorParameters,
 }
@@ -74,6 +77,7 @@ impl CourierDriverConfig {
         self.motor.validate().map_err(|error| invalid("world", &error))?;
         self.courier.validate().map_err(|error| invalid("courier", &error))?;
         self.tray.validate().map_err(|error| invalid("tray", &error))?;
+        self.parts.without(&self.courier.load).validate().map_err(|error| invalid("parts", &error))?;
         let servo_ticks = self.tick_ms as f64 * 1e-3 / self.courier.servo_period_s;
         if (servo_ticks - servo_ticks.round()).abs() > 1e-9 {
             let problem = format!("tick_ms = {} holds no whole number of courier.servo_period_s", self.tick_ms);
@@ -262,6 +266,9 @@ pub struct PlannedRecipe {
     /// How fast the vibration should feed parts on the plateau, by growing radius; nothing: not known.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub plateau_feed: Vec<FeedRate>,
+    /// Share of the parts on the ramp that the vibration should bring up each second, 1/s; nothing: not known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub climb_per_s: Option<f64>,
 }
 
 /// Configuration of the delivery planner.
@@ -288,8 +295,11 @@ pub struct DeliveryPlannerConfig {
     pub tray: MountedTray,
     /// The envelope of the courier's moves.
     pub limits: CourierLimits,
-    /// What the tray carries.
+    /// What the tray carries with all parts.
     pub load: Load,
+    /// The parts on the tray, which become fewer as they are handed over.
+    #[serde(default)]
+    pub parts: CarriedParts,
     /// How parts are delivered.
     pub delivery: DeliveryConfig,
     /// Where they are delivered to.

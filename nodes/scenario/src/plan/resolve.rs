@@ -80,6 +80,7 @@ impl Scenario {
             tray: self.tray,
             footprint_radius_m: self.delivery.footprint_radius_m,
             courier: self.courier(part),
+            parts: self.carried_parts(part),
             motor: self.world.motor.parameters().map_err(|problem| invalid("world", &problem))?,
         })
     }
@@ -141,7 +142,14 @@ impl Scenario {
             let waveform = waveform.map_err(|error| invalid("recipes", &error))?;
             let runs = waveform.clone().map_or_else(|| self.waveform(), Ok)?;
             let plateau_feed = self.plateau_feed(part, &runs)?;
-            Ok(PlannedRecipe { name: recipe.name, pose_classes: recipe.pose_classes, waveform, plateau_feed })
+            let climb_per_s = self.climb_per_s(part, &runs)?;
+            Ok(PlannedRecipe {
+                name: recipe.name,
+                pose_classes: recipe.pose_classes,
+                waveform,
+                plateau_feed,
+                climb_per_s,
+            })
         });
         Ok(DeliveryPlannerConfig {
             tick_ms: self.time.tick_ms,
@@ -155,6 +163,7 @@ impl Scenario {
             tray: self.tray,
             limits: self.courier.limits,
             load: self.load(part),
+            parts: self.carried_parts(part),
             delivery: self.delivery.clone(),
             stations: stations.collect(),
             keep_out: self.platen.keep_out.iter().cloned().chain(self.parked_areas()).collect(),

@@ -14,6 +14,8 @@ pub(super) struct Harmonic {
     plant_variance: f64,
     disturbance_variance: f64,
     covariance: Complex<f64>,
+    /// Mean of what is seen beyond the answer of a rigid plant; nothing before a window was.
+    beyond_rigid: Option<Complex<f64>>,
 }
 
 /// What a harmonic is expected to do.
@@ -27,6 +29,8 @@ pub(super) struct Prior {
 impl Harmonic {
     /// Errors larger than so many standard deviations are of something that is not in the model.
     const SURPRISE: f64 = 4.0;
+    /// Share of a new window in the mean of what is beyond the answer of a rigid plant.
+    const BEYOND_GAIN: f64 = 0.2;
 
     pub(super) fn new(prior: Prior) -> Self {
         Self {
@@ -35,6 +39,7 @@ impl Harmonic {
             plant_variance: prior.plant_variance,
             disturbance_variance: prior.disturbance_variance,
             covariance: Complex::from(0.0),
+            beyond_rigid: None,
         }
     }
 
@@ -46,9 +51,21 @@ impl Harmonic {
         self.disturbance
     }
 
-    /// What of the disturbance's square is surely not its own uncertainty.
+    /// What of the disturbance's square is surely not its own uncertainty, nor more than what is seen, on average over windows,
+    /// beyond the answer of a rigid plant.
+    ///
+    /// Noise that the feedback turns into commands pulls the estimate of the plant's answer away, and that of the disturbance
+    /// makes up for it, the longer the more. What the sensor shows beyond a rigid plant, which is fitted to all harmonics at
+    /// once, has a mean only where it comes again every period.
     pub(super) fn sure_disturbance_square(&self) -> f64 {
-        (self.disturbance.norm_sqr() - Self::SURPRISE * Self::SURPRISE * self.disturbance_variance).max(0.0)
+        let sure = self.disturbance.norm_sqr() - Self::SURPRISE * Self::SURPRISE * self.disturbance_variance;
+        sure.min(self.beyond_rigid.unwrap_or_default().norm_sqr()).max(0.0)
+    }
+
+    /// Notes what a window shows beyond the answer of a rigid plant.
+    pub(super) fn note_beyond_rigid(&mut self, beyond: Complex<f64>) {
+        let mean = self.beyond_rigid.map_or(beyond, |mean| mean + (beyond - mean) * Self::BEYOND_GAIN);
+        self.beyond_rigid = Some(mean);
     }
 
     /// Standard deviation of the plant's answer, relative.
@@ -162,6 +179,20 @@ mod tests {
         }
         assert!((harmonic.plant() + 1.0).norm() < 0.02, "{harmonic:?}");
         assert!(harmonic.disturbance().norm() < 0.15, "{harmonic:?}");
+    }
+
+    #[test]
+    fn a_disturbance_counts_as_far_as_it_comes_again_every_window() {
+        let off = Complex::from(5.0);
+        let seen = |beyond: fn(i32) -> f64| {
+            let mut harmonic =
+                Harmonic { disturbance: off, disturbance_variance: 1e-6, ..harmonic(Complex::from(-1.0)) };
+            (0..40).for_each(|window| harmonic.note_beyond_rigid(off * beyond(window)));
+            harmonic.sure_disturbance_square() / off.norm_sqr()
+        };
+        assert!(seen(|_| 1.0) > 0.99);
+        // A sign that changes stands for noise.
+        assert!(seen(|window| if window % 2 == 0 { 1.0 } else { -1.0 }) < 0.02);
     }
 
     #[test]

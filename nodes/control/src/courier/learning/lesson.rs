@@ -193,7 +193,16 @@ impl Lesson {
         self.waveform == *waveform
     }
 
-    /// Another load, or a wish to try again: aims anew, and tries what was given up.
+    /// Another load that is known: aims anew at what would follow under it. What was given up is tried again.
+    pub(super) fn follow(&mut self, models: &[LoopModel; 3]) {
+        if self.watch.is_given_up() {
+            self.retry(models);
+        } else {
+            self.begin(models);
+        }
+    }
+
+    /// A wish to try again: aims anew, and tries what was given up.
     pub(super) fn retry(&mut self, models: &[LoopModel; 3]) {
         self.watch = Watch::new(self.position.len());
         self.begin(models);
@@ -297,6 +306,7 @@ impl Lesson {
                 let changed = (Self::DRIFT * about).powi(2) + (coupled * about).powi(2);
                 harmonic.drift(wanted.response.position.norm_sqr() * changed);
                 harmonic.observe(command, position, noise[axis] + (Self::LEAK * position.norm()).powi(2));
+                harmonic.note_beyond_rigid(position - wanted.response.position * command);
                 let rigid = wanted.rigid;
                 let most = self.most(axis, rigid, spent);
                 let harmonic = &mut self.harmonics[index][axis];

@@ -155,7 +155,8 @@ impl Learner {
         })
     }
 
-    /// Takes another mass, mass and inertia. What is commanded is scaled by it at once, what was given up is tried again.
+    /// Takes another mass, mass and inertia, known to have become that: what is commanded is scaled by it at once, what was
+    /// given up is tried again, and what was found stays.
     pub(crate) fn set_mass(&mut self, mass: Vector3<f64>) {
         let mut lessons = std::mem::take(&mut self.lessons);
         let before: Vec<_> = lessons.iter().map(|lesson| self.models(lesson.axis())).collect();
@@ -169,9 +170,9 @@ impl Learner {
         for (lesson, before) in lessons.iter_mut().zip(&before) {
             let axis = lesson.axis();
             lesson.rescale(&before[axis], &self.models(axis)[axis]);
+            lesson.follow(&self.models(axis));
         }
         self.lessons = lessons;
-        self.retry();
     }
 
     /// Tries again what was given up.

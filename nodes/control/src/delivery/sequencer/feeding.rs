@@ -34,7 +34,10 @@ impl DeliverySequencer {
             return self.fail(now, Failure::NoImage);
         }
         if !starved && late(now, since, self.config.starvation_s) {
-            self.outputs.push(Output::Warning(Warning::Starved(now.saturating_sub(since))));
+            // Where the cause is known it has been told, and it is not that parts are needed.
+            if self.feed_trouble().is_none() {
+                self.outputs.push(Output::Warning(Warning::Starved(now.saturating_sub(since))));
+            }
             return self.enter(SequencerState::Feeding { since, starved: true }, None);
         }
         let Some(frame) = self.frame.clone().filter(|frame| frame.stamp > since && self.fed_frame < Some(frame.stamp))
@@ -49,10 +52,23 @@ impl DeliverySequencer {
         late(now, since, self.config.feed_s_min) && self.is_time_to_stop(now) && self.stop(now)
     }
 
-    /// Compares how the parts of a frame move with how they should, and tells when that changes.
+    /// Compares how the parts of a frame move with how they should, and how many come, and tells when that changes.
     fn watch_feed(&mut self, frame: &CandidateFrame) {
-        let steady = Duration::from_secs_f64(Self::STEADY_S);
-        if self.vibrating_since.is_none_or(|since| frame.stamp < since + steady) {
+        let vibrates_for =
+            |s: f64| self.vibrating_since.is_some_and(|since| frame.stamp >= since + Duration::from_secs_f64(s));
+        let (begun, steady) = (vibrates_for(Self::BEGUN_S), vibrates_for(Self::STEADY_S));
+        if begun {
+            self.arrival_watch.see(frame);
+            let few = self.arrival_watch.few();
+            if let Some(share) = few.filter(|_| self.few_arrive.is_none()) {
+                self.outputs.push(Output::Warning(Warning::FewArrive { share }));
+            }
+            // Told once: that the share changes is no news.
+            self.few_arrive = few.map(|share| self.few_arrive.unwrap_or(share));
+        } else {
+            self.arrival_watch.pause();
+        }
+        if !steady {
             return self.feed_watch.pause();
         }
         self.feed_watch.see(frame);
@@ -191,6 +207,7 @@ impl DeliverySequencer {
         if self.feed_on == Some(true) {
             self.drift.stop(now);
             self.feed_watch.pause();
+            self.arrival_watch.pause();
         }
         self.feed(false);
         self.stopped = Some(now);

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use nalgebra::{Vector2, Vector3};
 
+use super::arrival_watch::ArrivalWatch;
 use super::choice::{CandidateFrame, Choice, fitting};
 use super::config::DeliveryConfig;
 use super::drift::Drift;
@@ -135,6 +136,9 @@ pub struct DeliverySequencer {
     feed_watch: FeedWatch,
     /// What of the feed was last told to be off.
     feed_off: Option<f64>,
+    arrival_watch: ArrivalWatch,
+    /// Share of the parts to be expected that come, as last told to be too few.
+    few_arrive: Option<f64>,
     /// Since when the courier has vibrated.
     vibrating_since: Option<Stamp>,
     overheads: Overheads,
@@ -159,6 +163,8 @@ pub struct DeliverySequencer {
 impl DeliverySequencer {
     /// A vibration that began less than this ago may still be measured, fade in or be learned, s.
     const STEADY_S: f64 = 1.0;
+    /// One that began less than this ago may still be measured or fade in, s.
+    const BEGUN_S: f64 = 0.5;
     /// Distance from the feeding place within which the courier counts as there, m.
     const ARRIVED_M: f64 = 1e-4;
     /// Room that areas leave for tracking errors, m.
@@ -185,6 +191,8 @@ impl DeliverySequencer {
             drift: Drift::new(config.stop_drift_s),
             feed_watch: FeedWatch::new(config.feed_deviation_max),
             feed_off: None,
+            arrival_watch: ArrivalWatch::new(tray.ramp_angle_rad),
+            few_arrive: None,
             vibrating_since: None,
             overheads: Overheads { stop_s: 0.6, hand_over_s: 0.7 },
             config,
@@ -232,17 +240,25 @@ impl DeliverySequencer {
     }
 
     /// Why parts may not come although there are some: what the courier says against its own feeding, or that parts are seen
-    /// to move otherwise than computed.
+    /// to move otherwise than computed, or too few of them to come.
     #[must_use]
     pub fn feed_trouble(&self) -> Option<String> {
         let seen = || self.feed_off.map(|ratio| Warning::FeedOff { ratio }.to_string());
-        self.courier_warning.clone().or_else(seen)
+        let few = || self.few_arrive.map(|share| Warning::FewArrive { share }.to_string());
+        self.courier_warning.clone().or_else(seen).or_else(few)
     }
 
-    /// Takes how fast the waveform in force should feed parts on the plateau, by growing radius; nothing: not known.
-    pub fn expect_feed(&mut self, rates: Vec<FeedRate>) {
+    /// Takes how fast the waveform in force should feed parts on the plateau, by growing radius, and which share of the parts
+    /// on the ramp it should bring up each second, 1/s; nothing: not known.
+    pub fn expect_feed(&mut self, rates: Vec<FeedRate>, climb_per_s: Option<f64>) {
         self.feed_watch.expect(rates);
-        self.feed_off = None;
+        self.arrival_watch.expect(climb_per_s);
+        (self.feed_off, self.few_arrive) = (None, None);
+    }
+
+    /// Takes how many parts there are in the feeder, as far as known.
+    pub fn carry(&mut self, parts: u32) {
+        self.arrival_watch.carry(parts);
     }
 
     /// Why the planner is in fault, if it is.
