@@ -14,6 +14,7 @@ pub mod results;
 mod slip_study;
 mod try_motors;
 mod try_suite;
+mod view_cost;
 mod vision;
 
 use std::process::ExitCode;
@@ -49,6 +50,7 @@ enum Command {
     TrayMap(analysis::tray_map::Args),
     TryMotors(try_motors::Args),
     TrySuite(try_suite::Args),
+    ViewCost(view_cost::Args),
 }
 
 /// What the `feeder-lab` command takes, for those who check or describe it.
@@ -91,6 +93,7 @@ pub fn main() -> ExitCode {
             feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
             try_suite::run(&args)
         }
+        Command::ViewCost(args) => view_cost::run(&args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
