@@ -10,7 +10,7 @@ use crate::band::{LEGEND, band};
 use crate::figures::{courier, delivery, feeding};
 use crate::panels::{events, figures, log, nodes, titled};
 use crate::picture::Picture;
-use crate::units::{UNKNOWN, fixed, text};
+use crate::units::{UNKNOWN, fixed, folded, text};
 
 /// Below this width the panels stand below each other.
 const BESIDE_MIN: u16 = 76;
@@ -77,9 +77,13 @@ pub fn draw(frame: &mut Frame<'_>, picture: &Picture, palette: Palette) {
     if area.width < SMALLEST.0 || area.height < SMALLEST.1 {
         return tiny(frame, picture, palette);
     }
-    let [top, body, bottom] =
-        Layout::vertical([Constraint::Length(1), Constraint::Fill(1), Constraint::Length(1)]).areas(area);
+    let warning = warning(picture, palette, area.width);
+    let rows = u16::try_from(warning.len()).unwrap_or(u16::MAX).min(area.height / 3);
+    let [top, below, body, bottom] =
+        Layout::vertical([Constraint::Length(1), Constraint::Length(rows), Constraint::Fill(1), Constraint::Length(1)])
+            .areas(area);
     frame.render_widget(headline(picture, palette), top);
+    frame.render_widget(Paragraph::new(warning), below);
     let keys = if picture.names().count() > 1 { "q quit  Tab next feeder" } else { "q quit" };
     frame.render_widget(Line::styled(format!("{keys}  {}", picture.note), palette.quiet()), bottom);
     let (delivery, feeding, courier) =
@@ -124,6 +128,12 @@ pub fn draw(frame: &mut Frame<'_>, picture: &Picture, palette: Palette) {
     } else {
         events(frame, rest, picture, palette);
     }
+}
+
+/// That what runs is not what is shown: nothing below it can be trusted.
+fn warning(picture: &Picture, palette: Palette, width: u16) -> Vec<Line<'static>> {
+    let text = picture.mismatch().map(|mismatch| format!("▲ {mismatch}")).unwrap_or_default();
+    folded(&text, usize::from(width)).into_iter().map(|line| Line::styled(line, palette.warning())).collect()
 }
 
 fn halves(area: Rect, beside: bool) -> [Rect; 2] {
@@ -173,6 +183,8 @@ fn tiny(frame: &mut Frame<'_>, picture: &Picture, palette: Palette) {
     let courier = courier(picture, palette);
     let figures = delivery.iter().take(3).chain(courier.first());
     let figures = figures.map(|figure| Line::styled(format!("{} {}", figure.name, figure.value), figure.style));
-    let lines: Vec<Line<'_>> = std::iter::once(headline(picture, palette)).chain(figures).collect();
+    let warning = warning(picture, palette, frame.area().width);
+    let lines: Vec<Line<'_>> =
+        std::iter::once(headline(picture, palette)).chain(warning.into_iter().take(1)).chain(figures).collect();
     frame.render_widget(Paragraph::new(lines), frame.area());
 }

@@ -74,6 +74,12 @@ impl Picture {
         &self.frame["feeders"][self.feeder()]
     }
 
+    /// How what runs is not what is shown, of the feeder that is shown or the first of which it is so.
+    pub(crate) fn mismatch(&self) -> Option<&str> {
+        let of = |feeder: &str| self.status["feeders"][feeder]["mismatch"].as_str();
+        of(self.feeder()).or_else(|| self.names().find_map(of))
+    }
+
     /// What the newest status says of the feeder that is shown.
     pub(crate) fn scores(&self) -> &Value {
         &self.status["feeders"][self.feeder()]

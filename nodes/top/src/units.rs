@@ -50,6 +50,21 @@ pub(crate) fn words(value: &Value) -> String {
     text(value).replace('_', " ")
 }
 
+/// A text in lines of at most so many characters, broken between words; a longer word is left as it is.
+pub(crate) fn folded(text: &str, width: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= width => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
 #[cfg(test)]
 mod tests {
     use serde_json::json;
@@ -74,5 +89,12 @@ mod tests {
             (percent(&json!(0.456)), fixed(&json!(1.26), 1, " /min")),
             ("46 %".to_owned(), "1.3 /min".to_owned())
         );
+    }
+
+    #[test]
+    fn long_texts_are_folded_between_words() {
+        assert_eq!(folded("the tray is another", 11), ["the tray is", "another"]);
+        assert_eq!(folded("extraordinarily long", 4), ["extraordinarily", "long"]);
+        assert_eq!(folded("", 10), [""; 0]);
     }
 }

@@ -83,6 +83,26 @@ fn the_headline_tells_time_and_pace() {
 }
 
 #[test]
+fn a_scenario_that_is_not_what_runs_stands_in_front_of_everything() {
+    let mut picture = sight();
+    for size in [(80, 24), (40, 12), (30, 6)] {
+        assert!(!lines(&drawn(&picture, Palette::PLAIN, size))[1].contains('▲'), "nothing is amiss");
+    }
+    let said =
+        "what runs is not the scenario that is shown: it feeds grommet, not block; give --scenario what was given";
+    picture.status["feeders"]["feeder"]["mismatch"] = json!(said);
+    for size in [(80, 24), (40, 12), (30, 6)] {
+        let lines = lines(&drawn(&picture, Palette::PLAIN, size));
+        assert!(lines[1].starts_with("▲ what runs is not the"), "{lines:?}");
+        assert_shows(&lines.join("\n"), &["12.34 s", "state", "execute"]);
+    }
+    assert_shows(&shown(&picture, (80, 24)), &["it feeds grommet, not", "5 of 7 accepted"]);
+    let buffer = drawn(&picture, Palette::COLOURED, (80, 24));
+    let line: Vec<_> = buffer.content.iter().skip(80).take(22).map(|cell| cell.fg).collect();
+    assert_eq!(line, vec![Color::Yellow; 22]);
+}
+
+#[test]
 fn the_feeders_panel_tells_state_phase_and_what_came_of_it() {
     let mut picture = sight();
     assert_shows(
