@@ -19,7 +19,8 @@ function found(frame, status) {
   for (const [name, feeder] of Object.entries(frame?.feeders ?? {})) {
     const add = (kind, isFault, text) => text && all.push({ key: `${name} ${kind}`, isFault, who: name, text });
     add("courier", true, feeder.courier_state?.fault);
-    add("delivery", true, feeder.delivery?.fault);
+    // The planner says again what it has from the courier.
+    add("delivery", true, feeder.courier_state?.fault ? null : feeder.delivery?.fault);
     add("warning", false, feeder.courier_state?.warning);
     add("scenario", false, status?.feeders?.[name]?.mismatch);
     const state = status?.feeders?.[name]?.state;
@@ -30,7 +31,8 @@ function found(frame, status) {
     add("stranded", false, stranded ? `${stranded} ${stranded === 1 ? "part lies" : "parts lie"} where the waveform cannot move ${stranded === 1 ? "it" : "them"} on` : "");
   }
   for (const node of status?.nodes ?? []) {
-    if (node.level === "error" || node.level === "stale") {
+    const isSaid = all.some(({ isFault, text }) => isFault && text === node.message);
+    if (node.level === "stale" || (node.level === "error" && !isSaid)) {
       const text = node.level === "stale" ? "has said nothing for more than three seconds" : node.message;
       all.push({ key: `node ${node.name}`, isFault: node.level === "error", who: node.name, text });
     }

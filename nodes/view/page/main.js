@@ -69,7 +69,7 @@ const RECEIVERS = {
   },
   motion: (message) => {
     if (message.feeder === focus) {
-      period.show(message);
+      period.show(message, playback.newest?.feeders[focus]?.feeding !== false);
       feed.addMotion(message);
     }
   },

@@ -11,6 +11,15 @@ const FINE = 4;
 /** Periods in which the vibration may be ending. */
 const ENDING = 4;
 
+/** A plot on the page, and the same in the help. @param {string} id @param {any} spec */
+function twice(id, spec) {
+  const plots = [id, `help-${id}`].map((place) => new Plot(byId(place), spec));
+  return {
+    set: (data) => plots.forEach((plot) => plot.set(data)),
+    draw: () => plots.forEach((plot) => plot.draw()),
+  };
+}
+
 export class PeriodView {
   /** @param {any} hello */
   constructor(hello) {
@@ -19,7 +28,7 @@ export class PeriodView {
     this.periods = [];
     this.measured = null;
     this.surface = "plateau";
-    this.accelerations = new Plot(byId("plot-acceleration"), {
+    this.accelerations = twice("plot-acceleration", {
       title: "Acceleration of the tray along the track", unit: "m/s²", x: "ms", xFactor: 1e3, least: 1, symmetric: true,
       empty: "The tray does not vibrate",
       series: [
@@ -27,7 +36,7 @@ export class PeriodView {
         { name: "actual", colour: "line-a", width: 1.8 },
       ],
     });
-    this.velocities = new Plot(byId("plot-velocity"), {
+    this.velocities = twice("plot-velocity", {
       title: "Velocity along the track", unit: "mm/s", factor: 1e3, x: "ms", xFactor: 1e3, least: 0.01,
       empty: "The tray does not vibrate",
       series: [
@@ -63,9 +72,12 @@ export class PeriodView {
     this.#update();
   }
 
-  /** @param {any} motion message; while the tray stands, the last period in which it vibrated stays */
-  show(motion) {
-    const isVibrating = motion.commanded_velocity !== null && motion.actual_acceleration.length > 0;
+  /**
+   * @param {any} motion message; while the tray stands, the last period in which it vibrated stays
+   * @param {boolean} feeding whether feeding is on: once it is off, the vibration fades
+   */
+  show(motion, feeding) {
+    const isVibrating = feeding && motion.commanded_velocity !== null && motion.actual_acceleration.length > 0;
     this.stands = !isVibrating;
     if (isVibrating) {
       this.periods.push(motion);

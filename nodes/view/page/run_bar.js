@@ -1,11 +1,14 @@
 // The bar at the top: time and pace of the run, pause and step, speed, emergency stop.
 
 import { byId, el, setAll, setText } from "./dom.js";
-import { clock, significant } from "./format.js";
+import { clock, fixed } from "./format.js";
 
 /** Speeds to choose from; slow ones show what happens within a period. Null is as fast as possible. */
 const SPEEDS = [[0.01, "1/100"], [0.05, "1/20"], [0.25, "1/4"], [1, "1×"], [5, "5×"], [null, "max"]];
 const STEP_TICKS = 1;
+
+/** How fast time passes, with as many places as say something, and always as many at about one. */
+const factor = (value) => fixed(value, value < 0.095 ? 3 : value < 9.95 ? 2 : 0);
 
 export class RunBar {
   /** @param {import("./permissions.js").Permissions} permissions @param {(name: string, feeder: string | null, values?: any) => any} control */
@@ -49,7 +52,7 @@ export class RunBar {
   /** @param {any} frame @param {number | null} timeS what is shown now */
   show(frame, timeS) {
     setText(byId("time"), clock(timeS ?? Number.NaN, 2));
-    const pace = frame.paused ? "paused" : frame.ended ? "ended" : `${significant(frame.real_time_factor ?? Number.NaN, 2)} × real time`;
+    const pace = frame.paused ? "paused" : frame.ended ? "ended" : `${factor(frame.real_time_factor)} × real time`;
     setText(byId("pace"), pace);
     if (frame.paused !== this.isPaused) {
       this.isPaused = frame.paused;

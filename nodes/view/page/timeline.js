@@ -158,5 +158,5 @@ function timeOf({ time_s: time }) {
   if (time === null) {
     return "";
   }
-  return time > WALL_S ? new Date(time * 1000).toLocaleTimeString() : clock(time, 1);
+  return time > WALL_S ? new Date(time * 1000).toLocaleTimeString([], { hour12: false }) : clock(time, 1);
 }

@@ -12,6 +12,8 @@ import { onTheme } from "./theme.js";
 /** Time between pictures above which they are drawn coarser, and below which finer, ms. */
 const PACE_MS = { slow: 30, fast: 19 };
 const QUALITY = { least: 0.4, most: 1 };
+/** A tray that is no wider is drawn as finely as the screen allows: coarser, nothing could be made out, px. */
+const SMALL_PX = 420;
 /** Pictures between two looks at how fast they come. */
 const JUDGED = 20;
 /** A picture that stands for so long is drawn once more, as finely as can be, ms. */
@@ -176,7 +178,7 @@ export class TrayView {
     const middle = this.times.sort((a, b) => a - b)[JUDGED / 2];
     this.times = [];
     if (middle > PACE_MS.slow) {
-      this.quality = Math.max(QUALITY.least, this.quality * 0.85);
+      this.quality = Math.max(QUALITY.least, Math.min(QUALITY.most, SMALL_PX / this.size[0]), this.quality * 0.85);
     } else if (middle < PACE_MS.fast) {
       this.quality = Math.min(QUALITY.most, this.quality * 1.08);
     }

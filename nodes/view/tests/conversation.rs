@@ -4,7 +4,7 @@
 
 use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use feeder_runtime::testing::TestDomain;
 use feeder_scenario::plan::load_plan;
@@ -222,6 +222,20 @@ fn half_a_message_and_half_a_request_hold_nobody_up() {
 }
 
 #[test]
+fn whoever_never_reads_loses_the_place() {
+    let domain = TestDomain::claim();
+    let view = start(&settings(&domain, "0"));
+    let _silent = viewer(&view);
+    assert_eq!(view.viewers(), 1);
+    // After some questions without an answer whether it is still there.
+    let since = Instant::now();
+    while view.viewers() > 0 {
+        assert!(since.elapsed() < PATIENCE, "it is still there");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+#[test]
 fn half_requests_take_so_many_places_and_no_more() {
     let domain = TestDomain::claim();
     let view = start(&settings(&domain, "0"));
@@ -267,6 +281,24 @@ fn controls_that_cannot_be_are_refused_with_the_reason() {
         assert_eq!((&reply["id"], &reply["ok"]), (&json!(3), &json!(false)));
         assert!(reply["message"].as_str().unwrap().contains(words), "{reply}");
     }
+}
+
+#[test]
+fn so_many_controls_are_under_way_and_no_more() {
+    let domain = TestDomain::claim();
+    let view = start(&settings(&domain, "0"));
+    let mut socket = viewer(&view);
+    // Nobody answers them.
+    for id in 1..=9 {
+        say(&mut socket, &json!({ "type": "control", "id": id, "name": "load_parts" }));
+    }
+    let reply = loop {
+        let reply = next(&mut socket, "reply");
+        if reply["id"] == 9 {
+            break reply;
+        }
+    };
+    assert!(reply["message"].as_str().unwrap().contains("too much is under way"), "{reply}");
 }
 
 #[test]
