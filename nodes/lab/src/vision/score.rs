@@ -50,8 +50,9 @@ pub(crate) struct Score {
     /// Errors of what was selected rightly.
     pub(crate) position_errors_m: Vec<f64>,
     pub(crate) yaw_errors_rad: Vec<f64>,
-    /// Frames in which nothing was taken because of the calibration.
+    /// Frames in which nothing was taken because of the calibration, and those in which it was warned of.
     pub(crate) refused: u32,
+    pub(crate) warned: u32,
     pub(crate) render: Duration,
     pub(crate) select: Duration,
 }
@@ -72,6 +73,7 @@ impl Score {
         self.position_errors_m.extend(&other.position_errors_m);
         self.yaw_errors_rad.extend(&other.yaw_errors_rad);
         self.refused += other.refused;
+        self.warned += other.warned;
         self.render += other.render;
         self.select += other.select;
     }
@@ -109,6 +111,15 @@ pub(crate) struct Trial<'a> {
     pub(crate) model: &'a PartModel,
 }
 
+/// What a frame shows of the calibration.
+enum Misplaced {
+    Not,
+    /// Far enough for a warning.
+    Warned,
+    /// So far that nothing may be selected.
+    Refused,
+}
+
 impl Trial<'_> {
     /// Frames under some circumstances. `show` gets each frame with what the selector made of it.
     pub(crate) fn run(
@@ -143,9 +154,13 @@ impl Trial<'_> {
             let mut candidates = selector.detect(&seen, &self.platen_from_tray)?;
             score.select += cpu_time() - begin;
             // As in a run, nothing is taken by a calibration that the frame refutes.
-            if self.is_misplaced(&seen) {
-                candidates.clear();
-                score.refused += 1;
+            match self.misplaced(&seen) {
+                Misplaced::Refused => {
+                    candidates.clear();
+                    score.refused += 1;
+                }
+                Misplaced::Warned => score.warned += 1,
+                Misplaced::Not => {}
             }
             score.frames += 1;
             score.covered += crowd.covered_fraction();
@@ -155,12 +170,15 @@ impl Trial<'_> {
         Ok(score)
     }
 
-    /// Whether rim and hub lie so far beside where they should that nothing may be selected.
-    fn is_misplaced(&self, image: &GrayImage) -> bool {
+    /// How far rim, hub and drop-off lie beside where they should.
+    fn misplaced(&self, image: &GrayImage) -> Misplaced {
         let Scene { camera, tray, .. } = self.scene;
+        let limits = &self.config.calibration;
         match misalignment(image, camera, tray, &self.platen_from_tray) {
-            Ok(found) => found.is_some_and(|found| self.config.calibration.require(&found).is_err()),
-            Err(_) => true,
+            Err(_) => Misplaced::Refused,
+            Ok(Some(found)) if limits.require(&found).is_err() => Misplaced::Refused,
+            Ok(Some(found)) if limits.warn_of(&found) => Misplaced::Warned,
+            Ok(_) => Misplaced::Not,
         }
     }
 

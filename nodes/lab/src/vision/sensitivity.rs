@@ -98,7 +98,9 @@ fn camera(scene: &mut Scene, change: impl Fn(&mut CameraSpec)) -> anyhow::Result
 
 /// Prints a table: a line for each part and difference.
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    println!("part      difference          frames refused isolated recall% selected wrong p95 mm p95 deg select ms");
+    println!(
+        "part      difference          frames warned refused isolated recall% selected wrong p95 mm p95 deg select ms"
+    );
     for name in &args.parts {
         let scenario = Scenario { part: PartSource::Name(name.clone()), part_model: None, ..Scenario::default() };
         let part = scenario.part_type()?;
@@ -127,8 +129,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             let mut random = generator(args.seed, &format!("sensitivity {name} crowd"));
             let score = trial.run(circumstances, &mut random, |_, _, _| Ok(()))?;
             println!(
-                "{name:9} {difference:19} {:6} {:7} {:8} {:7.1} {:8} {:5} {:6.3} {:7.2} {:9.2}",
+                "{name:9} {difference:19} {:6} {:6} {:7} {:8} {:7.1} {:8} {:5} {:6.3} {:7.2} {:9.2}",
                 score.frames,
+                score.warned,
                 score.refused,
                 score.isolated,
                 100.0 * score.recall(),
