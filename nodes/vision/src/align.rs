@@ -377,13 +377,15 @@ fn laid<const UNKNOWNS: usize>(
     Some(fit)
 }
 
-/// How much worse a part fits when it is turned by half a period of its symmetry, as a share of what the template says it
-/// must: about 1 for the part, and 0 for something round that looks like it otherwise. `None` where the template does not tell.
-pub(super) fn turned_share(
+/// How much worse a part fits at another yaw, as a share of what the template says it must: about 1 for the part at its own
+/// yaw, and 0 for something that looks the same at both, or lies between them. `None` where the template does not tell.
+///
+/// `other` is what was fitted there; nothing but the yaw of it counts if it is to be looked at as it is.
+pub(super) fn yaw_lead_share(
     frame: &Segmentation,
     view: &View,
     sought: &Sought,
-    fit: &Fit,
+    (fit, other): (&Fit, &Fit),
     owners: &Owners,
     belief: &Belief,
 ) -> Option<f32> {
@@ -392,28 +394,27 @@ pub(super) fn turned_share(
         return None;
     }
     let noise = frame.sigma * frame.sigma;
-    let yaw_rad = (fit.yaw_rad + view.platen_from_tray.rotation.angle()).rem_euclid(period_rad);
     let slant = view.slant(fit.centre, sought.plane_m);
-    let picture = sought.template.picture(&Aspect { yaw_rad, slant });
-    let level = |index: usize| {
+    let tray_yaw_rad = view.platen_from_tray.rotation.angle();
+    let picture = |fit: &Fit| {
+        let yaw_rad = (fit.yaw_rad + tray_yaw_rad).rem_euclid(period_rad);
+        sought.template.picture(&Aspect { yaw_rad, slant })
+    };
+    let (here, there) = (picture(fit), picture(other));
+    let level = |picture: &[f32], index: usize| {
         picture[index] + belief.added.get(index).copied().unwrap_or(0.0) + added(&sought.effects[index], &fit.amounts)
     };
-    let turn = Rotation2::new(0.5 * period_rad);
+    let turn = Rotation2::new(fit.yaw_rad - other.yaw_rad);
     let (mut expected, mut count) = (0.0, 0.0_f32);
     for index in &sought.texels {
-        let Some(other) = sought.texel(turn * sought.template.place_m(*index)) else { continue };
-        let square = (level(*index) - level(other)).powi(2) / (sought.variance(*index, owners.beside_sigma) + noise);
+        let Some(turned) = sought.texel(turn * sought.template.place_m(*index)) else { continue };
+        let difference = level(&here, *index) - level(&there, turned);
+        let square = difference * difference / (sought.variance(*index, owners.beside_sigma) + noise);
         expected += square.min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
         count += 1.0;
     }
     expected /= count.max(1.0);
-    if expected < TURNED_MIN {
-        return None;
-    }
-    let turned = Fit { yaw_rad: fit.yaw_rad + 0.5 * period_rad, ..*fit };
-    let here = refine(frame, view, sought, *fit, owners, belief, Fineness::Fixed)?;
-    let turned = refine(frame, view, sought, turned, owners, belief, Fineness::Fixed)?;
-    Some((turned.cost - here.cost) / expected)
+    (expected >= TURNED_MIN).then(|| (other.cost - fit.cost) / expected)
 }
 
 /// By how much each texel that is compared is brighter than the template says after a fit; `None` where it is not seen.

@@ -1,19 +1,15 @@
-//! Parts as a frame shows them, and the room round them.
+//! Parts as a frame shows them.
 
 use nalgebra::Point2;
 
 use super::SelectorConfig;
 use super::detector::{Detector, Found};
 use super::health::FrameHealth;
-use super::hull::{distance_m, gap_m};
 use super::modes::{BLUR, BLUR_SPREAD_PX2, Light, SCALE, SCALE_SPREAD, size_off};
-use super::segment::Uncovered;
-use super::surround::DISTANCES;
+use super::room::measure_gaps;
 use super::view::View;
 use feeder_model::camera::single;
 
-/// Strip along the plateau's edges, px, where the walls' shade may pass for an obstacle and is not taken for one.
-pub(super) const EDGE_STRIP_PX: f64 = 4.0;
 /// How far into a wall a part that touches it may be measured, px.
 const WALL_MISS_PX: f64 = 1.5;
 /// How far beyond the edge of the plateau a part's outline may be measured for the part to lie on it, px.
@@ -31,14 +27,9 @@ const LEAD_RATIO_SURE: f32 = 0.25;
 /// Mean square miss of the template alone from which it does not hold, whatever the parts of the frame have in common: it
 /// is about 1 at most where it does.
 const ALONE_COST_MAX: f32 = 1.25;
-/// A part must fit worse by this share of what its template says when it is turned: half way between 0 for what is round and
-/// what blunt edges leave of 1.
-const TURNED_SHARE_MIN: f32 = 0.3;
-/// Gaps of more than this are not measured to the last: the distance between the circles round the outlines is enough, m.
-const NEAR_M: f64 = 0.004;
-/// How much brighter or darker than shade something must be to be no shade, beyond what makes it stand out: relative to the
-/// plateau's brightness.
-const OBSTACLE_TOLERANCE: f32 = 0.04;
+/// A part must fit worse at another yaw by this share of what its template says: half way between 0 for what looks the same at
+/// both and what blunt edges leave of 1.
+const YAW_LEAD_SHARE_MIN: f32 = 0.3;
 
 /// A part as one frame shows it, in the tray frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -144,6 +135,7 @@ fn health(
         explained_ratio: if covered_px == 0 { 1.0 } else { explained as f64 / covered_px as f64 },
         plateau_ratio,
         hub_ratio,
+        light_change_ratio: detector.light_change().unwrap_or(0.0),
         clipped_ratio: detector.segmentation.clipped_ratio,
         blur_excess_px2: middle(BLUR, 2.0 * BLUR_SPREAD_PX2),
         size_excess_ratio: middle(SCALE, SCALE_SPREAD),
@@ -154,15 +146,18 @@ fn health(
 /// Whether a part looks as taught, in size too, and like nothing else.
 fn is_recognised(detector: &Detector, part: &Found, config: &SelectorConfig) -> bool {
     let miss_max = detector.sought[part.pose].template.miss_max + detector.sought[part.pose].noise_miss;
+    let yaw_shows = [part.turned, part.yaw_lead].into_iter().flatten().all(|share| share >= YAW_LEAD_SHARE_MIN);
+    if part.fit.cost > miss_max || !yaw_shows {
+        return false;
+    }
     if detector.light == Light::Taught {
-        return part.fit.cost <= miss_max && part.lead >= single(config.evidence_lead_min);
+        return part.lead >= single(config.evidence_lead_min);
     }
     let led = part.lead_ratio.map_or(part.lead >= single(config.evidence_lead_min), |ratio| ratio >= LEAD_RATIO_MIN);
     let size_off_max = if part.in_company { SIZE_OFF_IN_COMPANY_MAX } else { SIZE_OFF_MAX };
     let like = part.unlike <= UNLIKE_MAX && size_off(&part.fit.amounts) <= size_off_max && !part.weak;
-    let turned = part.turned.is_none_or(|share| share >= TURNED_SHARE_MIN);
     let strong = part.evidence_per_texel >= detector.sought[part.pose].template.evidence_min;
-    part.fit.cost <= miss_max && led && like && turned && strong && part.first_cost <= ALONE_COST_MAX
+    led && like && strong && part.first_cost <= ALONE_COST_MAX
 }
 
 /// The pose, and how sure it is: from one half at the least accepted to 1, with the match and with the lead over other
@@ -177,52 +172,4 @@ fn recognise(detector: &Detector, part: &Found, config: &SelectorConfig) -> (Opt
     let led =
         part.lead_ratio.map_or((part.lead - lead_min) / lead_min, |ratio| (ratio - LEAD_RATIO_MIN) / LEAD_RATIO_SURE);
     (Some(part.pose), f64::from(0.5 + 0.5 * matched.min(led).clamp(0.0, 1.0)))
-}
-
-/// Free gaps between candidates and to whatever else stands out from the plateau. Returns how many pixels of that are the
-/// parts' own, as their shade, and how many are not.
-fn measure_gaps(
-    detector: &Detector,
-    view: &View,
-    outlines: &[(usize, Vec<Point2<f64>>)],
-    candidates: &mut [Candidate],
-) -> (usize, usize) {
-    let reach_m = |pose: usize| detector.sought[pose].radius_m;
-    let centres: Vec<Point2<f64>> = candidates.iter().map(Candidate::centre).collect();
-    for (index, (pose, outline)) in outlines.iter().enumerate() {
-        for (other, (other_pose, other_outline)) in outlines.iter().enumerate().skip(index + 1) {
-            let circles_m = (centres[index] - centres[other]).norm() - reach_m(*pose) - reach_m(*other_pose);
-            let gap_m = if circles_m > NEAR_M { circles_m } else { gap_m(outline, other_outline) };
-            candidates[index].part_gap_m = candidates[index].part_gap_m.min(gap_m);
-            candidates[other].part_gap_m = candidates[other].part_gap_m.min(gap_m);
-        }
-    }
-    let tolerance = detector.segmentation.threshold + OBSTACLE_TOLERANCE;
-    let (mut own_px, mut foreign_px) = (0, 0);
-    for Uncovered { place: point, level, px } in detector.uncovered(view, EDGE_STRIP_PX) {
-        let reach_m = |pose: usize| reach_m(pose) + DISTANCES as f64 * detector.sought[pose].m_per_px;
-        let near = |index: &usize| (centres[*index] - point).norm() < reach_m(outlines[*index].0).max(NEAR_M);
-        let near: Vec<usize> = (0..outlines.len()).filter(near).collect();
-        let range = |index: &usize| {
-            let (pose, candidate) = (outlines[*index].0, &candidates[*index]);
-            let lies = (centres[*index], candidate.yaw_rad.unwrap_or(0.0));
-            detector.surrounds[pose].range(view, &detector.sought[pose], lies, point, detector.light.scatters())
-        };
-        // What is a part's own is in the way of none. Shades add up, where they are known exactly.
-        let together = |(low, high): (f32, f32), (lower, higher): (f32, f32)| match detector.light {
-            Light::Taught => (low + lower, high + higher),
-            Light::Any => (low.min(lower), high.max(higher)),
-        };
-        let (low, high) = near.iter().map(range).fold((0.0, 0.0), together);
-        if level < 0.0 && level >= low - tolerance || level >= 0.0 && level <= high + tolerance {
-            own_px += px;
-            continue;
-        }
-        foreign_px += px;
-        for index in near {
-            let gap_m = distance_m(&outlines[index].1, &point);
-            candidates[index].part_gap_m = candidates[index].part_gap_m.min(gap_m);
-        }
-    }
-    (own_px, foreign_px)
 }

@@ -14,6 +14,10 @@ const CLIPPED_MAX: f64 = 0.02;
 /// The light differs when hub and plateau have changed by more than this against each other: no lamp that stays does that.
 /// Path-traced pictures differ by 1 % under lamps like the one taught and by 7 % under a low one.
 const HUB_CHANGE_MAX: f64 = 0.05;
+/// Or when it falls otherwise across the plateau by more than this: in sparse path-traced pictures that differs by 0.0001 to 0.0016
+/// from what was taught under the same lamps, and by 0.0013 to 0.008 under others. (Where parts hide most of the plateau what was
+/// taught counts instead, and the light passes for the same.)
+const LIGHT_CHANGE_MAX: f64 = 0.002;
 /// Parts are out of focus from this excess of blur's variance, px²: 1.2 px instead of 0.7.
 const BLUR_EXCESS_MAX_PX2: f64 = 0.95;
 /// Parts are seen in another size from this on. Other light alone makes up to 4.5 % in path-traced pictures, as shaded rims
@@ -34,6 +38,9 @@ pub struct FrameHealth {
     pub plateau_ratio: f64,
     /// The same of the hub's top; `None` where it is not seen.
     pub hub_ratio: Option<f64>,
+    /// By how much the light falls otherwise across the plateau than when the part was taught, relative to its brightness: root
+    /// of the mean square over the picture.
+    pub light_change_ratio: f64,
     /// Share of the plateau's pixels that are quite black or quite white, 0 to 1.
     pub clipped_ratio: f64,
     /// By how much the parts recognised are more blurred than taught, as a variance, px²; `None` without any.
@@ -77,18 +84,24 @@ impl FrameHealth {
     pub fn causes(&self) -> Vec<HealthCause> {
         let beyond = |value: Option<f64>, most: f64| value.is_some_and(|value| value > most);
         let size_change = self.size_excess_ratio.map(f64::abs);
-        let hub_change = self.hub_ratio.map(|hub| (hub / self.plateau_ratio.max(1e-3) - 1.0).abs());
         let blind = self.covered_ratio > COVERED_MIN && self.explained_ratio < EXPLAINED_MIN;
         [
             (HealthCause::NothingRecognised, blind),
             (HealthCause::Clipped, self.clipped_ratio > CLIPPED_MAX),
-            (HealthCause::LightDiffers, beyond(hub_change, HUB_CHANGE_MAX)),
+            (HealthCause::LightDiffers, self.light_differs()),
             (HealthCause::Blurred, beyond(self.blur_excess_px2, BLUR_EXCESS_MAX_PX2)),
             (HealthCause::SizeDiffers, beyond(size_change, SIZE_CHANGE_MAX)),
         ]
         .into_iter()
         .filter_map(|(cause, holds)| holds.then_some(cause))
         .collect()
+    }
+
+    /// Whether the light is another than the one taught.
+    #[must_use]
+    pub fn light_differs(&self) -> bool {
+        let hub_change = self.hub_ratio.map_or(0.0, |hub| (hub / self.plateau_ratio.max(1e-3) - 1.0).abs());
+        hub_change > HUB_CHANGE_MAX || self.light_change_ratio > LIGHT_CHANGE_MAX
     }
 
     /// Whether the selector is blind: then an empty list of parts does not mean an empty plateau.
@@ -136,6 +149,7 @@ mod tests {
             explained_ratio: 0.9,
             plateau_ratio: 1.0,
             hub_ratio: Some(1.0),
+            light_change_ratio: 0.001,
             clipped_ratio: 0.0,
             blur_excess_px2: Some(0.0),
             size_excess_ratio: Some(0.0),
@@ -152,6 +166,7 @@ mod tests {
         // More light on everything is not another light.
         assert_eq!(FrameHealth { plateau_ratio: 0.7, hub_ratio: Some(0.7), ..sound() }.causes(), []);
         assert_eq!(FrameHealth { hub_ratio: Some(1.2), ..sound() }.causes(), [HealthCause::LightDiffers]);
+        assert_eq!(FrameHealth { light_change_ratio: 0.003, ..sound() }.causes(), [HealthCause::LightDiffers]);
         assert_eq!(FrameHealth { blur_excess_px2: Some(1.0), ..sound() }.causes(), [HealthCause::Blurred]);
         assert_eq!(FrameHealth { size_excess_ratio: Some(-0.07), ..sound() }.causes(), [HealthCause::SizeDiffers]);
         assert!(FrameHealth { explained_ratio: 0.1, ..sound() }.is_blind() && !sound().is_blind());

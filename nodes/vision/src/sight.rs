@@ -2,7 +2,8 @@
 //!
 //! In the light taught a part's picture is known to a hundredth of the plateau's brightness, and what differs from it more is no
 //! part: that is exact, holds in a crowd, and is quick. Light, lens or surface that differ from those taught show in
-//! things that nothing explains.
+//! things that nothing explains, and light in how it falls across the bare plateau. Then both looks are made, and what
+//! one of them is sure of and the other contradicts is not sure.
 
 use image::GrayImage;
 use nalgebra::Isometry2;
@@ -20,6 +21,9 @@ use feeder_model::camera::{CameraModel, MountedTray, single};
 /// 1 is explained, in path-traced pictures under a low lamp 0.2 to 0.6.
 const EXPLAINED_MIN: f64 = 0.97;
 const EXPLAINED_BETTER_MIN: f64 = 0.8;
+
+/// Things seen by both looks nearer to each other than this, relative to the part's radius, are one.
+const SAME_THING_RATIO: f64 = 0.5;
 
 /// Both ways to look.
 #[derive(Clone, Debug)]
@@ -45,13 +49,35 @@ impl Sight {
             let found = detector.find(image, platen_from_tray, config.contrast_min_levels, single(config.miss_max))?;
             Ok(candidate::judge(detector, &detector.view(platen_from_tray), config, &found))
         };
-        let (taught, taught_health) = look(&mut self.taught)?;
+        let (mut taught, taught_health) = look(&mut self.taught)?;
         let taught_ratio = taught_health.explained_ratio;
-        if taught_ratio >= EXPLAINED_MIN {
+        if taught_ratio >= EXPLAINED_MIN && !taught_health.light_differs() {
             return Ok((taught, taught_health));
         }
         let (any, any_health) = look(&mut self.any)?;
-        let taught_counts = taught_ratio >= EXPLAINED_BETTER_MIN && taught_ratio > any_health.explained_ratio;
-        Ok(if taught_counts { (taught, taught_health) } else { (any, any_health) })
+        if taught_ratio < EXPLAINED_BETTER_MIN || taught_ratio <= any_health.explained_ratio {
+            return Ok((any, any_health));
+        }
+        for candidate in &mut taught {
+            if any.iter().any(|other| self.contradicts(candidate, other, config)) {
+                (candidate.pose, candidate.confidence) = (None, 0.0);
+            }
+        }
+        Ok((taught, taught_health))
+    }
+
+    /// Whether one look is sure to see, where another sees `candidate`, the part in another pose, at another yaw, or further
+    /// beside than a calibration may be off without a warning.
+    pub(super) fn contradicts(&self, candidate: &Candidate, other: &Candidate, config: &SelectorConfig) -> bool {
+        let near_m = SAME_THING_RATIO * self.taught.sought[candidate.likeness].radius_m;
+        let apart_m = (other.centre() - candidate.centre()).norm();
+        if other.pose.is_none() || apart_m > near_m {
+            return false;
+        }
+        let turned = candidate
+            .yaw_rad
+            .zip(other.yaw_rad)
+            .is_some_and(|(yaw_rad, other_rad)| self.taught.yaws_differ(candidate.likeness, yaw_rad, other_rad));
+        other.pose != candidate.pose || turned || apart_m > config.calibration.warning_m
     }
 }

@@ -24,6 +24,14 @@ impl Window {
     pub(super) fn len(&self) -> usize {
         self.width * self.height
     }
+
+    /// A pixel and those that touch it, diagonals too.
+    pub(super) fn about(&self, index: usize) -> impl Iterator<Item = usize> + use<> {
+        let Self { width, height, .. } = *self;
+        let near = |at: usize, size: usize| at.saturating_sub(1)..(at + 2).min(size);
+        let columns = near(index % width.max(1), width);
+        near(index / width.max(1), height).flat_map(move |row| columns.clone().map(move |column| row * width + column))
+    }
 }
 
 /// Camera, tray and pose together: from pixels to the tray frame and back.

@@ -74,7 +74,7 @@ pub struct VisionSelector {
     fault: Option<LookError>,
     /// Which warnings were in force last, so that each is said once.
     warned: [bool; WARNINGS],
-    /// When an image came last, and how long none may come.
+    /// When an image came last, if ever, and how long none may come.
     seen_tick: Option<u64>,
     patience_ticks: u64,
 }
@@ -185,7 +185,7 @@ impl FeederNode for VisionSelector {
             self.select(io, &image);
         }
         if io.tick() > self.seen_tick.unwrap_or(0) + self.patience_ticks {
-            let why = if self.seen_tick.is_some() { LookError::Silent } else { LookError::NeverSeen };
+            let why = LookError::without_image(self.seen_tick.is_some());
             self.tell(io, Some(why));
         }
         if io.tick().is_multiple_of(self.diagnostics_ticks.max(1)) {
@@ -259,10 +259,11 @@ impl VisionSelector {
     }
 
     fn publish_diagnostics(&self, io: &mut StepIo) {
-        let wrong = self.fault.as_ref().filter(|fault| fault.is_wrong()).map(ToString::to_string);
+        let fault = LookError::in_force(self.fault.as_ref(), self.seen_tick.is_some());
+        let wrong = fault.filter(|fault| fault.is_wrong()).map(ToString::to_string);
         let wrong: Vec<String> = wrong.into_iter().chain(self.sight.warnings().into_iter().flatten()).collect();
         let level = if wrong.is_empty() { HealthLevel::Good } else { HealthLevel::Warning };
-        let state = || self.fault.as_ref().map_or_else(|| "selecting".to_owned(), ToString::to_string);
+        let state = || fault.map_or_else(|| "selecting".to_owned(), ToString::to_string);
         let message = if wrong.is_empty() { state() } else { wrong.join("; ") };
         let value = |name: &str, value: String| (name.to_owned(), value);
         let mut values = vec![

@@ -73,6 +73,16 @@ pub(crate) enum LookError {
 }
 
 impl LookError {
+    /// What it means that no image comes, where one `came_before` or none ever did.
+    pub(crate) fn without_image(came_before: bool) -> Self {
+        if came_before { Self::Silent } else { Self::NeverSeen }
+    }
+
+    /// Why nothing is selected, by what was `last` wrong with an image: before the first one nothing is known to be well.
+    pub(crate) fn in_force(last: Option<&Self>, came_before: bool) -> Option<&Self> {
+        last.or((!came_before).then_some(&Self::NeverSeen))
+    }
+
     /// Whether something is wrong, and the tray is not just under way.
     pub(crate) fn is_wrong(&self) -> bool {
         !matches!(self, Self::Image(ImageFault::PlateauOutOfView))

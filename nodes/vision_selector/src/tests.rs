@@ -53,6 +53,19 @@ fn message_at(stamp_ns: u64, data: &[u8]) -> Frame {
 }
 
 #[test]
+fn before_the_first_image_nothing_is_well_and_no_camera_has_stopped() {
+    let text = |fault: Option<&LookError>| fault.filter(|fault| fault.is_wrong()).map(ToString::to_string);
+    assert!(text(LookError::in_force(None, false)).unwrap().contains("no image has come yet"));
+    // None ever came, long after the start: still no camera has stopped.
+    let late = LookError::without_image(false);
+    assert!(text(LookError::in_force(Some(&late), false)).unwrap().contains("no image has come yet"));
+    // One came, and all is well until no more do.
+    assert_eq!(text(LookError::in_force(None, true)), None);
+    let stopped = LookError::without_image(true);
+    assert!(text(LookError::in_force(Some(&stopped), true)).unwrap().contains("the camera has stopped"));
+}
+
+#[test]
 fn a_corrupt_image_is_named_and_the_next_good_one_is_seen() {
     let (mut sight, good) = sight();
     assert_eq!(sight.look(&message(1, &good)).unwrap().tracked.len(), 1);

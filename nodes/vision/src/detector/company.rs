@@ -2,9 +2,10 @@
 
 use nalgebra::Point2;
 
-use super::super::align::{Belief, Fineness, Fit, Owners, refine, residuals, turned_share};
+use super::super::align::{Belief, Fineness, Fit, Owners, refine, residuals, yaw_lead_share};
 use super::super::modes::{self, Amounts, LIGHT_MODES, Light};
 use super::super::sought::{FREE_SIGMA, SHADE_SIGMA};
+use super::super::template::period_rad;
 use super::super::view::View;
 use super::{Detector, Found};
 
@@ -103,6 +104,7 @@ impl Detector {
                 part.fit = Fit { cost: told.cost, evidence: told.evidence, ..fit };
                 let texels = sought.texels.len() as f32 * sought.texel_weight;
                 part.evidence_per_texel = part.fit.evidence / texels;
+                self.look_turned(view, part, &fit, &owners, belief);
                 if self.light == Light::Taught {
                     continue;
                 }
@@ -111,7 +113,6 @@ impl Detector {
                     let rival = refine(&self.segmentation, view, sought, rival, &owners, belief, Fineness::Full);
                     part.lead = rival.map_or(f32::INFINITY, |rival| (fit.evidence - rival.evidence) / texels);
                 }
-                part.turned = turned_share(&self.segmentation, view, sought, &fit, &owners, belief);
                 part.weak = fit.evidence < WEAK_RATIO * belief.evidence;
                 part.in_company = belief.evidence > 0.0;
                 let unlike = |mode: usize| ((fit.amounts[mode] - belief.middle[mode]) / belief.spread[mode]).abs();
@@ -130,6 +131,23 @@ impl Detector {
                 part.lead_ratio = Some(part.lead / usual);
             }
         }
+    }
+
+    /// Looks at a part that was fitted so at other yaws: turned by half a period, and at the likeliest rival.
+    fn look_turned(&self, view: &View, part: &mut Found, fit: &Fit, owners: &Owners, belief: &Belief) {
+        let sought = &self.sought[part.pose];
+        if sought.template.yaw_symmetry == 0 {
+            return;
+        }
+        let laid =
+            |start: Fit, fineness: Fineness| refine(&self.segmentation, view, sought, start, owners, belief, fineness);
+        let led = |other: Fit| yaw_lead_share(&self.segmentation, view, sought, (fit, &other), owners, belief);
+        let turned = Fit { yaw_rad: fit.yaw_rad + 0.5 * period_rad(sought.template.yaw_symmetry), ..*fit };
+        part.turned = laid(turned, Fineness::Fixed).and_then(led);
+        let rival = part.yaw_rival.and_then(|rival| laid(rival, Fineness::Full));
+        // One that leads to the same yaw in the end is none.
+        let rival = rival.filter(|rival| self.yaws_differ(part.pose, fit.yaw_rad, rival.yaw_rad));
+        part.yaw_lead = rival.and_then(led);
     }
 }
 

@@ -34,11 +34,18 @@ impl Detector {
                 taken.sort_unstable();
                 for run in taken.chunk_by(|a, b| a == b) {
                     let owner = &mut found[usize::from(run[0]) - 1];
-                    if run.len() as f64 >= SAME_THING_MIN * count && owner.pose != fit.pose {
+                    if (run.len() as f64) < SAME_THING_MIN * count {
+                        continue;
+                    }
+                    if owner.pose != fit.pose {
                         let lead = self.lead(owner, &fit);
                         if lead < owner.lead {
                             (owner.lead, owner.rival) = (lead, Some((fit.pose, fit.fit)));
                         }
+                    } else if owner.yaw_rival.is_none()
+                        && self.yaws_differ(fit.pose, owner.fit.yaw_rad, fit.fit.yaw_rad)
+                    {
+                        owner.yaw_rival = Some(fit.fit);
                     }
                 }
                 continue;

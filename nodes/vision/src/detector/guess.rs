@@ -91,7 +91,8 @@ impl Detector {
             for other in kept.iter_mut().filter(|other| (other.fit.centre - guess.fit.centre).norm() <= near_m) {
                 let lead = self.lead(other, &guess);
                 if other.pose == guess.pose {
-                    worth_fitting &= lead <= COARSE_LEAD && self.yaws_differ(other, &guess);
+                    worth_fitting &=
+                        lead <= COARSE_LEAD && self.yaws_differ(guess.pose, other.fit.yaw_rad, guess.fit.yaw_rad);
                 } else if lead > COARSE_LEAD {
                     other.lead = other.lead.min(lead);
                     worth_fitting = false;
@@ -104,11 +105,11 @@ impl Detector {
         kept
     }
 
-    /// Whether two fits of a pose tell different yaws.
-    fn yaws_differ(&self, a: &Found, b: &Found) -> bool {
-        let sought = &self.sought[a.pose];
+    /// Whether two yaws of a pose are more than a few degrees apart, so that they lead to different fits.
+    pub(in super::super) fn yaws_differ(&self, pose: usize, a_rad: f64, b_rad: f64) -> bool {
+        let sought = &self.sought[pose];
         let symmetry = sought.template.yaw_symmetry;
-        let apart_rad = yaw_difference_rad(a.fit.yaw_rad, b.fit.yaw_rad, symmetry).abs();
+        let apart_rad = yaw_difference_rad(a_rad, b_rad, symmetry).abs();
         symmetry != 0 && apart_rad > OTHER_YAW_TURNS * std::f64::consts::TAU / f64::from(symmetry) / sought.yaw_count()
     }
 }

@@ -41,8 +41,11 @@ pub(super) struct Found {
     pub in_company: bool,
     /// Whether much less speaks for it than for the others.
     pub weak: bool,
-    /// As [`turned_share`] tells.
+    /// As [`yaw_lead_share`](super::align::yaw_lead_share) tells of it turned by half a period of its symmetry.
     pub turned: Option<f32>,
+    /// The strongest explanation by the same pose at another yaw, and by how much that is led, as it is for `turned`.
+    pub yaw_rival: Option<Fit>,
+    pub yaw_lead: Option<f32>,
     /// The strongest explanation by another pose.
     pub rival: Option<(usize, Fit)>,
     /// Mean square miss before what the frame shows of others was known.
@@ -66,6 +69,8 @@ impl Found {
             in_company: false,
             weak: false,
             turned: None,
+            yaw_lead: None,
+            yaw_rival: None,
             rival: None,
             first_cost: fit.cost,
             lead_ratio: None,
@@ -282,6 +287,18 @@ impl Detector {
         let frame = &self.segmentation;
         let ratio = |level: f32, taught: f32| f64::from(level / taught.max(1.0));
         Some((ratio(frame.light[0], taught.light[0]), frame.hub_level.map(|level| ratio(level, taught.hub_level))))
+    }
+
+    /// By how much the light falls otherwise across the bare plateau of the frame looked at last than when the part was taught,
+    /// relative to its brightness there: root of the mean square over the picture. How much light there is does not matter.
+    pub(super) fn light_change(&self) -> Option<f64> {
+        let taught = self.plateau.taught?.light;
+        let light = self.segmentation.light;
+        let share = |light: &[f32; 6], index: usize| f64::from(light[index] / light[0].max(1.0));
+        let [u, v, uu, uv, vv] = [1, 2, 3, 4, 5].map(|index| share(&light, index) - share(&taught, index));
+        // Means over the square from -1 to 1: 1/3 of u squared, 1/5 of its fourth power, 1/9 of the product of two squares.
+        let square = (u * u + v * v) / 3.0 + (uu * uu + vv * vv) / 5.0 + (2.0 * uu * vv + uv * uv) / 9.0;
+        Some((square - ((uu + vv) / 3.0).powi(2)).max(0.0).sqrt())
     }
 
     /// The outline of a part found, tray frame, counter-clockwise.

@@ -56,6 +56,8 @@ impl Plateau {
 /// A point of what lies on the plateau and belongs to no part.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Uncovered {
+    /// The pixel of the window.
+    pub pixel: usize,
     /// Tray frame, m.
     pub place: Point2<f64>,
     /// Brightness above the plateau's, relative to it.
@@ -195,7 +197,8 @@ impl Segmentation {
                             f32::from(self.relative[index]) / RELATIVE_UNITS - self.wall_shade(index)
                         });
                         let level = levels.fold(0.0_f32, |a, b| if b.abs() > a.abs() { b } else { a });
-                        points.push(Uncovered { place: point, level, px: (place + 1).saturating_sub(counted) });
+                        let px = (place + 1).saturating_sub(counted);
+                        points.push(Uncovered { pixel: row * width + place, place: point, level, px });
                         counted = place + 1;
                     }
                 }

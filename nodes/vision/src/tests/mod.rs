@@ -127,6 +127,7 @@ fn taught(part: &PartType) -> PartModel {
 }
 
 static MODEL: LazyLock<PartModel> = LazyLock::new(|| taught(&GROMMET));
+static COIN: LazyLock<PartModel> = LazyLock::new(|| taught(&catalogue("coin")));
 
 fn selector() -> Selector {
     let scene = scene(&GROMMET, 2.0);
@@ -227,6 +228,73 @@ fn a_thing_that_is_no_part_is_an_obstacle() {
     let blocked = selector.detect(&image, &over_camera()).unwrap();
     let blocked = blocked.iter().find(|candidate| (candidate.centre() - part.place).norm() < 0.000_3).unwrap();
     assert!(blocked.part_gap_m < 0.001 && !selector.admits(blocked), "{}", blocked.part_gap_m);
+}
+
+#[test]
+fn the_shaded_edge_of_a_thing_is_part_of_it() {
+    let part = at(0.06, 4.5, 0);
+    let mut image = simple_picture(&[part]);
+    let scene = scene(&GROMMET, 2.0);
+    let view = view::View { camera: &scene.camera, tray: &scene.tray, platen_from_tray: over_camera() };
+    // A dark bar 1.8 mm beside the part, and before it for 1 mm a rim that is no darker than a shade may be.
+    let middle = view.pixel(part.place, scene.tray.plateau_height_m()).unwrap();
+    let m_per_px = scene.camera.m_per_px(scene.tray.plateau_height_m());
+    for (x, y, level) in image.enumerate_pixels_mut() {
+        let beyond_m = (f64::from(x) - middle.x) * m_per_px - RADIUS_M;
+        if (f64::from(y) - middle.y).abs() * m_per_px > 0.004 || beyond_m > 0.006 {
+            continue;
+        }
+        if beyond_m > 0.001_8 {
+            level.0[0] = 20;
+        } else if beyond_m > 0.000_8 {
+            level.0[0] -= level.0[0] / 11;
+        }
+    }
+    let mut selector = selector();
+    let seen = selector.detect(&image, &over_camera()).unwrap();
+    let beside = seen.iter().find(|candidate| (candidate.centre() - part.place).norm() < 0.000_3).unwrap();
+    assert!(beside.part_gap_m < 0.001 && !selector.admits(beside), "{}", beside.part_gap_m);
+}
+
+#[test]
+fn light_that_falls_otherwise_is_told_and_looked_at_twice() {
+    let parts: Vec<LaidPart> = (0..7_u32).map(|i| at(0.065, 3.5 + 0.4 * f64::from(i), (i % 2) as usize)).collect();
+    let mut selector = selector();
+    selector.detect(&simple_picture(&parts), &over_camera()).unwrap();
+    assert!(!selector.health().light_differs(), "{:?}", selector.health());
+    let mut other = scene(&GROMMET, 2.0);
+    other.light.gradient_right_ratio += 0.05;
+    let renderer = Renderer::new(&other).unwrap();
+    let image = shoot(&renderer, &over_camera(), &parts, &mut Pcg64Mcg::seed_from_u64(9));
+    assert_seen(&selector.detect(&image, &over_camera()).unwrap(), &parts);
+    assert!(selector.health().causes().contains(&HealthCause::LightDiffers), "{:?}", selector.health());
+}
+
+#[test]
+fn a_look_contradicts_another_in_pose_yaw_or_place() {
+    let coin = catalogue("coin");
+    let scene = scene(&coin, 2.0);
+    let sight = Sight::new(&scene.camera, &scene.tray, &COIN);
+    let config = SelectorConfig::default();
+    let seen = Candidate {
+        x_m: 0.0,
+        y_m: -0.06,
+        yaw_rad: Some(1.0),
+        likeness: 0,
+        pose: Some(0),
+        confidence: 1.0,
+        part_gap_m: 0.01,
+        wall_gap_m: 0.01,
+        on_plateau: true,
+    };
+    let contradicts = |other: Candidate| sight.contradicts(&seen, &other, &config);
+    assert!(!contradicts(Candidate { x_m: 0.000_1, yaw_rad: Some(1.03), ..seen }));
+    assert!(contradicts(Candidate { pose: Some(1), likeness: 1, ..seen }));
+    assert!(contradicts(Candidate { yaw_rad: Some(1.3), ..seen }));
+    assert!(contradicts(Candidate { x_m: 0.000_4, ..seen }));
+    // What is not sure, or another thing, contradicts nothing.
+    assert!(!contradicts(Candidate { pose: None, yaw_rad: Some(1.3), ..seen }));
+    assert!(!contradicts(Candidate { x_m: 0.006, yaw_rad: Some(1.3), ..seen }));
 }
 
 #[test]
