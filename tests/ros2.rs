@@ -194,7 +194,7 @@ fn checks(python: &str) -> Vec<Check> {
         check(
             Act,
             "bag record",
-            "timeout -s INT 10 ros2 bag record -o {work}/bag --topics /clock /feeder/joint_states; true",
+            "timeout -s INT 10 ros2 bag record -o {work}/bag --topics /clock /feeder/joint_states; [ $? = 124 ]",
             &[],
         ),
         check(Look, "bag info", "ros2 bag info {work}/bag", &["Topic: /feeder/joint_states", "Topic: /clock"]),
