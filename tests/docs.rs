@@ -8,7 +8,7 @@ use clap::error::ErrorKind;
 use feeder_runtime::testing::TestDomain;
 use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
 
-use crate::common::{feeder, lab};
+use crate::common::{feeder, lab, put_commands};
 
 pub(crate) const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/..");
 /// What a visitor reads in a minute.
@@ -171,9 +171,7 @@ fn the_page_of_results_is_what_was_measured() {
 #[test]
 fn quick_figures_are_those_of_the_page() {
     let commands = tempfile::tempdir().unwrap();
-    for (name, command) in [("feeder", feeder()), ("feeder-lab", lab())] {
-        std::os::unix::fs::symlink(command.get_program(), commands.path().join(name)).unwrap();
-    }
+    put_commands(commands.path());
     let path = format!("{}:{}", commands.path().display(), std::env::var("PATH").unwrap());
     let domain = TestDomain::claim();
     let mut results = lab();
@@ -280,9 +278,7 @@ fn type_in(page: &Page) {
     let work = tempfile::tempdir().unwrap();
     let bin = work.path().join("bin");
     std::fs::create_dir(&bin).unwrap();
-    for (name, command) in [("feeder", feeder()), ("feeder-lab", lab())] {
-        std::os::unix::fs::symlink(command.get_program(), bin.join(name)).unwrap();
-    }
+    put_commands(&bin);
     let clone = work.path().join("clone");
     std::fs::create_dir(&clone).unwrap();
     for folder in CLONE {

@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 use feeder_runtime::testing::TestDomain;
 use tempfile::TempDir;
 
-use crate::common::{feeder, lab};
+use crate::common::put_commands;
 use crate::docs::{CLEAN, LIVE, Page, RELEASE, ROOT, TRIED, page, pages};
 
 /// One after another in one shell, as a beginner types them.
@@ -147,9 +147,7 @@ fn all_that_is_written_works_in_a_fresh_clone() {
     } else {
         let folder = desk.home.path().join("bin");
         std::fs::create_dir(&folder).unwrap();
-        for (name, command) in [("feeder", feeder()), ("feeder-lab", lab())] {
-            std::os::unix::fs::symlink(command.get_program(), folder.join(name)).unwrap();
-        }
+        put_commands(&folder);
         folder
     };
     desk.path.insert(0, commands);

@@ -53,6 +53,13 @@ pub(crate) fn lab() -> Command {
     in_silence(env!("CARGO_BIN_EXE_lab-under-test"))
 }
 
+/// Puts both commands under their own names into a folder, as on a user's `PATH`.
+pub(crate) fn put_commands(folder: &Path) {
+    for (name, command) in [("feeder", feeder()), ("feeder-lab", lab())] {
+        std::os::unix::fs::symlink(command.get_program(), folder.join(name)).unwrap();
+    }
+}
+
 fn in_silence(executable: &str) -> Command {
     let mut command = Command::new(executable);
     for variable in ["ROS_DOMAIN_ID", DISCOVERY_RANGE, "ROS_LOCALHOST_ONLY", "RUST_LOG"] {

@@ -168,6 +168,7 @@ impl FeederNode for CourierDriver {
             reason = "a checked configuration holds a small positive ratio"
         )]
         let servo_ticks = (Self::tick(config).as_secs_f64() / config.courier.servo_period_s).round() as usize;
+        let carried = Carried::new(config.parts, &config.courier.load);
         Ok(Self {
             topics: ports.topics,
             services: ports.services,
@@ -175,13 +176,8 @@ impl FeederNode for CourierDriver {
             trajectory: ActionServer::new(ports.trajectory),
             driver,
             servo_ticks,
-            truth: machine::Truth::new(
-                ports.truth,
-                Self::tick(config),
-                config.parts.without(&config.courier.load),
-                config.parts.part.mass_kg,
-            ),
-            carried: Carried::new(config.parts, &config.courier.load),
+            truth: machine::Truth::new(ports.truth, Self::tick(config), carried.own, carried.parts.part.mass_kg),
+            carried,
             tick: Self::tick(config),
             name: format!("/{}/{}", config.feeder, Self::NAME),
             names: messages::Names::new(&config.feeder),

@@ -41,9 +41,7 @@ impl Load {
         check_range("load.mass_kg", self.mass_kg, 0.0, 20.0)?;
         check_range("load.inertia_kg_m2", self.inertia_kg_m2, 0.0, 1.0)
     }
-}
 
-impl Load {
     /// This load with so many times another one beside it, or without it where `times` is negative.
     #[must_use]
     pub fn with(self, times: f64, other: &Self) -> Self {

@@ -42,17 +42,24 @@ impl Scenario {
         /// Radii at which it is worked out, evenly spaced: between them it is all but straight.
         const RADII: u32 = 24;
         let tray = self.tray.geometry;
-        let friction = self.believed.part_friction.map_or(Ok(part.friction), Friction::uniform);
-        let feed = |radius_m: f64| -> Result<Option<FeedRate>, MechanicsError> {
-            let track = AnnularTrack::new(tray, friction.clone()?, STANDARD_GRAVITY_M_S2)?;
-            let steady = TrayMap::new(&track, waveform)?.drive(radius_m, Surface::Plateau)?.steady();
-            Ok(steady.map(|steady| FeedRate { radius_m, rate_rad_s: steady.feed_m_s / radius_m }))
-        };
         let step_m = (tray.outer_radius_m - tray.inner_radius_m) / f64::from(RADII);
-        let rates =
-            (0..=RADII).map(|step| feed((tray.inner_radius_m + step_m * f64::from(step)).min(tray.outer_radius_m)));
-        let rates: Result<Vec<_>, _> = rates.collect();
-        Ok(rates.map_err(|error| invalid("waveform", &error))?.into_iter().flatten().collect())
+        let rates = || -> Result<Vec<Option<FeedRate>>, MechanicsError> {
+            let track = self.believed_track(part)?;
+            let map = TrayMap::new(&track, waveform)?;
+            let feed = |step: u32| {
+                let radius_m = (tray.inner_radius_m + step_m * f64::from(step)).min(tray.outer_radius_m);
+                let steady = map.drive(radius_m, Surface::Plateau)?.steady();
+                Ok(steady.map(|steady| FeedRate { radius_m, rate_rad_s: steady.feed_m_s / radius_m }))
+            };
+            (0..=RADII).map(feed).collect()
+        };
+        Ok(rates().map_err(|error| invalid("waveform", &error))?.into_iter().flatten().collect())
+    }
+
+    /// The tray's track with the friction that control believes in.
+    fn believed_track(&self, part: &PartType) -> Result<AnnularTrack, MechanicsError> {
+        let friction = self.believed.part_friction.map_or(Ok(part.friction), Friction::uniform)?;
+        Ok(AnnularTrack::new(self.tray.geometry, friction, STANDARD_GRAVITY_M_S2)?)
     }
 
     /// Share of the parts on the ramp that a waveform should bring up each second, 1/s, as far as control knows the friction:
@@ -64,17 +71,18 @@ impl Scenario {
         /// Radii at which it is worked out, evenly spaced.
         const RADII: u32 = 12;
         let tray = self.tray.geometry;
-        let friction = self.believed.part_friction.map_or(Ok(part.friction), Friction::uniform);
         let outermost_m = tray.outer_radius_m - part.outline_radius_m();
-        let climb = |radius_m: f64| -> Result<f64, MechanicsError> {
-            let track = AnnularTrack::new(tray, friction.clone()?, STANDARD_GRAVITY_M_S2)?;
-            let ramp = TrayMap::new(&track, waveform)?.at(radius_m)?.ramp;
-            Ok(ramp.map_or(0.0, |ramp| ramp.rate_rad_s))
-        };
         let step_m = (outermost_m - tray.inner_radius_m) / f64::from(RADII);
-        let radii_m = (0..=RADII).map(|step| tray.inner_radius_m + step_m * f64::from(step));
-        let rates: Result<Vec<_>, _> = radii_m.map(|radius_m| Ok((radius_m, climb(radius_m)?))).collect();
-        let rates: Vec<(f64, f64)> = rates.map_err(|error: MechanicsError| invalid("waveform", &error))?;
+        let rates = || -> Result<Vec<(f64, f64)>, MechanicsError> {
+            let track = self.believed_track(part)?;
+            let map = TrayMap::new(&track, waveform)?;
+            let climb = |step: u32| {
+                let radius_m = tray.inner_radius_m + step_m * f64::from(step);
+                Ok((radius_m, map.at(radius_m)?.ramp.map_or(0.0, |ramp| ramp.rate_rad_s)))
+            };
+            (0..=RADII).map(climb).collect()
+        };
+        let rates = rates().map_err(|error| invalid("waveform", &error))?;
         let fastest_m_s = rates.last().map_or(0.0, |(radius_m, rate_rad_s)| radius_m * rate_rad_s);
         let climbing: Vec<f64> = rates
             .iter()

@@ -24,7 +24,8 @@ pub(super) struct ArrivalWatch {
     /// Parts that came and that should have come, both fading.
     arrived: f64,
     expected: f64,
-    few: bool,
+    /// Parts that came over those expected when they became too few, while they are.
+    few: Option<f64>,
 }
 
 impl ArrivalWatch {
@@ -47,13 +48,14 @@ impl ArrivalWatch {
             last: None,
             arrived: 0.0,
             expected: 0.0,
-            few: false,
+            few: None,
         }
     }
 
     /// Takes which share of the parts on the ramp should come up each second from now on, 1/s.
     pub(super) fn expect(&mut self, climb_per_s: Option<f64>) {
-        *self = Self { climb_per_s, last: None, arrived: 0.0, expected: 0.0, few: false, ..self.clone() };
+        (self.climb_per_s, self.last, self.few) = (climb_per_s, None, None);
+        (self.arrived, self.expected) = (0.0, 0.0);
     }
 
     /// Takes how many parts there are in the feeder.
@@ -87,14 +89,16 @@ impl ArrivalWatch {
         }
         self.last = Some((frame.stamp, places));
         if self.expected >= Self::EXPECTED_MIN {
-            let enough = if self.few { Self::ENOUGH } else { Self::FEW };
-            self.few = self.arrived < enough * self.expected;
+            let enough = if self.few.is_some() { Self::ENOUGH } else { Self::FEW };
+            let share = self.arrived / self.expected;
+            // That the share changes is no news.
+            self.few = (self.arrived < enough * self.expected).then(|| self.few.unwrap_or(share));
         }
     }
 
-    /// Parts that came over those expected, if they are too few.
+    /// Parts that came over those expected when they became too few, while they are.
     pub(super) fn few(&self) -> Option<f64> {
-        self.few.then(|| self.arrived / self.expected)
+        self.few
     }
 }
 

@@ -11,7 +11,7 @@ use anyhow::{Context as _, Result, ensure};
 use feeder_scenario::Scenario;
 
 use suite::{Outcome, Pace, Suite};
-use viewer::{LOADED_MAX, Looking, Traffic, Viewer};
+use viewer::{Looking, Traffic, Viewer};
 
 /// Measure what the view costs: what a viewer gets, processor time of the suite with viewers, and speed and fingerprint of
 /// runs at full speed. Rounds alternate, so that ratios hold on a busy machine too.
@@ -217,7 +217,7 @@ fn fill_up(address: SocketAddr, parts: u32) -> Result<()> {
     let there = viewer.parts()?;
     let missing = parts.saturating_sub(there);
     if missing > 0 {
-        viewer.load_parts(missing.min(LOADED_MAX))?;
+        viewer.load_parts(missing)?;
     }
     Ok(())
 }

@@ -12,8 +12,6 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use tungstenite::{Error, Message, WebSocket};
 
-/// Most parts that the view loads at a time.
-pub(super) const LOADED_MAX: u32 = 100;
 /// Longest wait for a message: every look at whether to leave comes so soon.
 const LOOK: Duration = Duration::from_millis(500);
 /// How long something that was asked for may take.

@@ -58,25 +58,22 @@ impl DeliverySequencer {
             |s: f64| self.vibrating_since.is_some_and(|since| frame.stamp >= since + Duration::from_secs_f64(s));
         let (begun, steady) = (vibrates_for(Self::BEGUN_S), vibrates_for(Self::STEADY_S));
         if begun {
+            let is_told = self.arrival_watch.few().is_some();
             self.arrival_watch.see(frame);
-            let few = self.arrival_watch.few();
-            if let Some(share) = few.filter(|_| self.few_arrive.is_none()) {
+            if let Some(share) = self.arrival_watch.few().filter(|_| !is_told) {
                 self.outputs.push(Output::Warning(Warning::FewArrive { share }));
             }
-            // Told once: that the share changes is no news.
-            self.few_arrive = few.map(|share| self.few_arrive.unwrap_or(share));
         } else {
             self.arrival_watch.pause();
         }
         if !steady {
             return self.feed_watch.pause();
         }
+        let is_told = self.feed_watch.off().is_some();
         self.feed_watch.see(frame);
-        let off = self.feed_watch.off();
-        if let Some(ratio) = off.filter(|_| self.feed_off.is_none()) {
+        if let Some(ratio) = self.feed_watch.off().filter(|_| !is_told) {
             self.outputs.push(Output::Warning(Warning::FeedOff { ratio }));
         }
-        self.feed_off = off;
     }
 
     /// Whether a trip with the parts that would come to rest now delivers more a minute than one that waits for another

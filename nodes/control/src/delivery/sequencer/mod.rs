@@ -134,11 +134,7 @@ pub struct DeliverySequencer {
     trip_m: Vec<Vector2<f64>>,
     drift: Drift,
     feed_watch: FeedWatch,
-    /// What of the feed was last told to be off.
-    feed_off: Option<f64>,
     arrival_watch: ArrivalWatch,
-    /// Share of the parts to be expected that come, as last told to be too few.
-    few_arrive: Option<f64>,
     /// Since when the courier has vibrated.
     vibrating_since: Option<Stamp>,
     overheads: Overheads,
@@ -190,9 +186,7 @@ impl DeliverySequencer {
             trip_m: Vec::new(),
             drift: Drift::new(config.stop_drift_s),
             feed_watch: FeedWatch::new(config.feed_deviation_max),
-            feed_off: None,
             arrival_watch: ArrivalWatch::new(tray.ramp_angle_rad),
-            few_arrive: None,
             vibrating_since: None,
             overheads: Overheads { stop_s: 0.6, hand_over_s: 0.7 },
             config,
@@ -243,8 +237,8 @@ impl DeliverySequencer {
     /// to move otherwise than computed, or too few of them to come.
     #[must_use]
     pub fn feed_trouble(&self) -> Option<String> {
-        let seen = || self.feed_off.map(|ratio| Warning::FeedOff { ratio }.to_string());
-        let few = || self.few_arrive.map(|share| Warning::FewArrive { share }.to_string());
+        let seen = || self.feed_watch.off().map(|ratio| Warning::FeedOff { ratio }.to_string());
+        let few = || self.arrival_watch.few().map(|share| Warning::FewArrive { share }.to_string());
         self.courier_warning.clone().or_else(seen).or_else(few)
     }
 
@@ -253,7 +247,6 @@ impl DeliverySequencer {
     pub fn expect_feed(&mut self, rates: Vec<FeedRate>, climb_per_s: Option<f64>) {
         self.feed_watch.expect(rates);
         self.arrival_watch.expect(climb_per_s);
-        (self.feed_off, self.few_arrive) = (None, None);
     }
 
     /// Takes how many parts there are in the feeder, as far as known.
