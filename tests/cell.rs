@@ -1,6 +1,6 @@
 //! Several stations and several feeders: the scenarios of a whole cell, and the figures that go with delivery.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use feeder_scenario::Scenario;
 use feeder_scenario::plan::DeliveryPlannerConfig;
@@ -8,9 +8,12 @@ use serde_json::Value;
 
 use crate::common::{Outcome, Up};
 
+fn file(name: &str) -> PathBuf {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("launch_configs").join(name)
+}
+
 fn scenario(name: &str) -> Scenario {
-    let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("launch_configs").join(name);
-    std::fs::read_to_string(file).unwrap().parse().unwrap()
+    std::fs::read_to_string(file(name)).unwrap().parse().unwrap()
 }
 
 /// What must hold of every run: nothing lost or doubled, every delivery ended or still open, couriers apart and in their
@@ -48,6 +51,18 @@ fn three_feeders_share_a_platen_and_repeat() {
     assert!(apart_m >= 2.0 * scenario.delivery.footprint_radius_m, "{}", first.summary());
     let again = Up::new("--duration 15 --composed").scenario(&scenario).digest().success();
     assert_eq!(first.digest(), again.digest());
+}
+
+/// Trays that leave the picture, neighbours that cross it, light that falls otherwise elsewhere: none of that is a trouble.
+#[test]
+fn where_all_is_well_nobody_is_warned() {
+    for name in ["default.yaml", "blocks.yaml", "three_feeders.yaml"] {
+        let run = Up::new("--duration 30 --composed").scenario_file(&file(name)).success();
+        // That parts may nest is said of the part, before anything runs.
+        let warned = |line: &&str| line.contains("WARN") && !line.contains("likely in bulk");
+        let warnings: Vec<&str> = run.stderr.lines().filter(warned).collect();
+        assert!(warnings.is_empty(), "{name}: {warnings:#?}");
+    }
 }
 
 /// A manipulator that falls silent with a part presented to it blocks its feeder for as long as agreed, not for good.

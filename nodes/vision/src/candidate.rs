@@ -108,12 +108,13 @@ pub(super) fn judge(
         outlines.push((part.pose, outline));
     }
     let (own_px, foreign_px) = measure_gaps(detector, view, &outlines, &mut candidates);
-    (candidates, health(detector, config, found, own_px, foreign_px))
+    (candidates, health(detector, view, config, found, own_px, foreign_px))
 }
 
 /// What the frame is worth, of whose uncovered foreground `own_px` belong to parts as their shade and `foreign_px` do not.
 fn health(
     detector: &Detector,
+    view: &View,
     config: &SelectorConfig,
     found: &[Found],
     own_px: usize,
@@ -135,7 +136,7 @@ fn health(
         explained_ratio: if covered_px == 0 { 1.0 } else { explained as f64 / covered_px as f64 },
         plateau_ratio,
         hub_ratio,
-        light_change_ratio: detector.light_change().unwrap_or(0.0),
+        light_change_ratio: detector.light_change(view),
         clipped_ratio: detector.segmentation.clipped_ratio,
         blur_excess_px2: middle(BLUR, 2.0 * BLUR_SPREAD_PX2),
         size_excess_ratio: middle(SCALE, SCALE_SPREAD),

@@ -39,8 +39,8 @@ pub struct FrameHealth {
     /// The same of the hub's top; `None` where it is not seen.
     pub hub_ratio: Option<f64>,
     /// By how much the light falls otherwise across the plateau than when the part was taught, relative to its brightness: root
-    /// of the mean square over the picture.
-    pub light_change_ratio: f64,
+    /// of the mean square over the picture. `None` where the tray stands elsewhere than then, and light cannot be compared.
+    pub light_change_ratio: Option<f64>,
     /// Share of the plateau's pixels that are quite black or quite white, 0 to 1.
     pub clipped_ratio: f64,
     /// By how much the parts recognised are more blurred than taught, as a variance, px²; `None` without any.
@@ -97,11 +97,16 @@ impl FrameHealth {
         .collect()
     }
 
-    /// Whether the light is another than the one taught.
+    /// Whether the light is another than the one taught, as far as that shows.
     #[must_use]
     pub fn light_differs(&self) -> bool {
         let hub_change = self.hub_ratio.map_or(0.0, |hub| (hub / self.plateau_ratio.max(1e-3) - 1.0).abs());
-        hub_change > HUB_CHANGE_MAX || self.light_change_ratio > LIGHT_CHANGE_MAX
+        self.light_change_ratio.is_some_and(|change| hub_change > HUB_CHANGE_MAX || change > LIGHT_CHANGE_MAX)
+    }
+
+    /// Whether the frame can tell that a cause holds, or that it does not.
+    fn shows(&self, cause: HealthCause) -> bool {
+        cause != HealthCause::LightDiffers || self.light_change_ratio.is_some()
     }
 
     /// Whether the selector is blind: then an empty list of parts does not mean an empty plateau.
@@ -125,7 +130,7 @@ impl HealthWatch {
         for cause in &now {
             self.causes.entry(*cause).or_default();
         }
-        for (cause, (in_force, against)) in &mut self.causes {
+        for (cause, (in_force, against)) in self.causes.iter_mut().filter(|(cause, _)| health.shows(**cause)) {
             *against = if now.contains(cause) == *in_force { 0 } else { *against + 1 };
             if *against >= FRAMES_IN_A_ROW {
                 (*in_force, *against) = (!*in_force, 0);
@@ -149,7 +154,7 @@ mod tests {
             explained_ratio: 0.9,
             plateau_ratio: 1.0,
             hub_ratio: Some(1.0),
-            light_change_ratio: 0.001,
+            light_change_ratio: Some(0.001),
             clipped_ratio: 0.0,
             blur_excess_px2: Some(0.0),
             size_excess_ratio: Some(0.0),
@@ -166,7 +171,9 @@ mod tests {
         // More light on everything is not another light.
         assert_eq!(FrameHealth { plateau_ratio: 0.7, hub_ratio: Some(0.7), ..sound() }.causes(), []);
         assert_eq!(FrameHealth { hub_ratio: Some(1.2), ..sound() }.causes(), [HealthCause::LightDiffers]);
-        assert_eq!(FrameHealth { light_change_ratio: 0.003, ..sound() }.causes(), [HealthCause::LightDiffers]);
+        assert_eq!(FrameHealth { light_change_ratio: Some(0.003), ..sound() }.causes(), [HealthCause::LightDiffers]);
+        let elsewhere = FrameHealth { light_change_ratio: None, ..sound() };
+        assert_eq!(FrameHealth { hub_ratio: Some(1.2), ..elsewhere }.causes(), []);
         assert_eq!(FrameHealth { blur_excess_px2: Some(1.0), ..sound() }.causes(), [HealthCause::Blurred]);
         assert_eq!(FrameHealth { size_excess_ratio: Some(-0.07), ..sound() }.causes(), [HealthCause::SizeDiffers]);
         assert!(FrameHealth { explained_ratio: 0.1, ..sound() }.is_blind() && !sound().is_blind());
@@ -189,5 +196,21 @@ mod tests {
         assert_eq!(last.unwrap(), [HealthCause::NothingRecognised]);
         assert_eq!(told(&mut watch, &sound()), [HealthCause::NothingRecognised]);
         assert_eq!((0..4).map(|_| told(&mut watch, &sound())).last().unwrap(), []);
+    }
+
+    #[test]
+    fn what_is_said_of_the_light_stands_while_the_tray_is_elsewhere() {
+        let mut watch = HealthWatch::default();
+        let (dim, elsewhere) =
+            ([Some(0.003), None]).map(|change| FrameHealth { light_change_ratio: change, ..sound() }).into();
+        let mut told = |health: &FrameHealth, frames: u32| {
+            (0..frames).for_each(|_| watch.note(health));
+            watch.causes().collect::<Vec<_>>()
+        };
+        assert_eq!(told(&dim, 4), []);
+        assert_eq!(told(&elsewhere, 20), []);
+        assert_eq!(told(&dim, 1), [HealthCause::LightDiffers]);
+        assert_eq!(told(&elsewhere, 20), [HealthCause::LightDiffers]);
+        assert_eq!(told(&sound(), 5), []);
     }
 }

@@ -29,6 +29,8 @@ const YAW_STEP_RAD: f64 = 0.21;
 const YAW_PLANES_MAX: usize = 64;
 /// Slant of the line of sight for which the pictures X and Y are stated.
 const SLANT_UNIT: f64 = 0.1;
+/// Greatest distance of the tray from below the camera, m.
+const PLACE_MAX_M: f64 = 10.0;
 /// Steps of brightness in a stored picture, per unit.
 const STORED_STEPS: f32 = 100.0;
 /// Largest side of a picture, texels.
@@ -340,6 +342,9 @@ pub struct PartModel {
     pub plateau_light: [f32; 6],
     /// Grey level of the hub's top when the part was taught: by it a frame tells how the light has changed.
     pub hub_level: f32,
+    /// Where the tray stood when the part was taught, platen frame but from below the camera, m: elsewhere the light falls
+    /// otherwise.
+    pub taught_at_m: [f64; 2],
     /// Brightness of the bare plateau above the middle's and relative to it, in bins from the inner wall to the outer: a row
     /// of constants, one per cosine and one per sine of the direction from the tray's centre on the platen.
     pub plateau_shade: Plane,
@@ -364,6 +369,9 @@ impl PartModel {
         )?;
         let hub_ok = (1.0..=255.0).contains(&self.hub_level);
         OutOfRange::unless(hub_ok, "part_model.hub_level", self.hub_level.into(), "1 to 255")?;
+        let [x_m, y_m] = self.taught_at_m;
+        let place_ok = x_m.hypot(y_m) <= PLACE_MAX_M;
+        OutOfRange::unless(place_ok, "part_model.taught_at_m", x_m.hypot(y_m), "a place within 10 m of the camera")?;
         let shade = &self.plateau_shade;
         let shade_ok = shade.width == RADIAL_BINS && shade.values.len() == 3 * RADIAL_BINS;
         OutOfRange::unless(shade_ok, "part_model.plateau_shade", shade.width as f64, "three rows of 200 entries")?;
@@ -388,6 +396,7 @@ impl PartModel {
 
     pub(super) fn plateau(&self) -> Plateau {
         let shade = std::iter::once([1.0, 0.0, 0.0]).chain(self.shades()).collect();
-        Plateau { taught: Some(TaughtLight { light: self.plateau_light, hub_level: self.hub_level }), shade }
+        let at_m = Vector2::from(self.taught_at_m);
+        Plateau { taught: Some(TaughtLight { light: self.plateau_light, hub_level: self.hub_level, at_m }), shade }
     }
 }

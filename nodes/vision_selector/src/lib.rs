@@ -281,6 +281,8 @@ impl VisionSelector {
         values.push(value("light on the plateau against that taught", format!("{:.2}", seen.plateau_ratio)));
         let hub = seen.hub_ratio.map(|ratio| value("light on the hub against that taught", format!("{ratio:.2}")));
         values.extend(hub);
+        let change = seen.light_change_ratio;
+        values.extend(change.map(|change| value("change of how it falls across the plateau", format!("{change:.4}"))));
         values.push(value("share of the plateau clipped", format!("{:.3}", seen.clipped_ratio)));
         let blur = seen.blur_excess_px2.map(|excess| value("blur beyond that taught, px²", format!("{excess:.2}")));
         values.extend(blur);

@@ -17,7 +17,7 @@ const CALIBRATION_REACHES_PX: [f64; 5] = [24.0, 12.0, 6.0, 4.0, 4.0];
 const SETTLED_PX: f64 = 0.25;
 /// Share of the places on the rim in view at which an edge must fit, and how many must be in view to tell anything.
 const RIM_RATIO_MIN: f64 = 0.5;
-const RIM_IN_VIEW_MIN: usize = 24;
+const RIM_IN_VIEW_MIN: usize = 40;
 /// Rounds of weighting at each reach. Points beyond [`TUKEY`] times their usual miss, which is at least this, px, count
 /// nothing.
 const ROUNDS: usize = 6;

@@ -51,13 +51,13 @@ impl CalibrationLimits {
 /// How far a picture shows the tray from where camera and odometry put it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Misalignment {
-    /// How far the middle of the plateau is seen from where it is, platen frame, m.
+    /// How far the middle of the plateau, as far as it is in the picture, is seen from where it is, platen frame, m.
     pub shift_m: Vector2<f64>,
     /// How many times as large as it is the tray is seen.
     pub scale: f64,
     /// How far it is seen turned, rad.
     pub turn_rad: f64,
-    /// Greatest error of place anywhere on the plateau, m.
+    /// Greatest error of place anywhere on the plateau that is in the picture, m.
     pub error_m: f64,
 }
 
@@ -108,7 +108,8 @@ pub fn misalignment(
     Ok(seen_by.map(|seen_by| compare(camera, &seen_by, tray, platen_from_tray)))
 }
 
-/// What places on the plateau come to if a picture of the camera `truly` is read as one of `believed`.
+/// What the places on the plateau that are in the picture come to if one of the camera `truly` is read as one of `believed`.
+/// Nothing is selected elsewhere, and a short piece of rim says nothing of the far side.
 fn compare(
     believed: &CameraModel,
     truly: &CameraModel,
@@ -121,9 +122,17 @@ fn compare(
         let pixel = truly.project(nalgebra::Point3::new(on_platen.x, on_platen.y, height_m))?;
         Some(believed.back_project(pixel, height_m)? - on_platen)
     };
-    let outline = View::outline_of_plateau(tray);
+    let in_picture = |place: &Point2<f64>| {
+        let on_platen = platen_from_tray * place;
+        let pixel = believed.project(nalgebra::Point3::new(on_platen.x, on_platen.y, height_m));
+        let inside = |at: f64, size_px: u32| (0.0..f64::from(size_px)).contains(&at);
+        pixel.is_some_and(|pixel| inside(pixel.x, believed.width_px()) && inside(pixel.y, believed.height_px()))
+    };
+    let mut outline = View::outline_of_plateau(tray);
+    outline.retain(in_picture);
     let error_m = outline.iter().filter_map(|place| read(*place)).map(|error| error.norm()).fold(0.0, f64::max);
-    let middle = Point2::from(outline.iter().map(|place| place.coords).sum::<Vector2<f64>>() / outline.len() as f64);
+    let middle =
+        Point2::from(outline.iter().map(|place| place.coords).sum::<Vector2<f64>>() / outline.len().max(1) as f64);
     let depth = |camera: &CameraModel| (camera.pose().height_m - height_m) / camera.focal_length_px();
     Misalignment {
         shift_m: read(middle).unwrap_or_default(),

@@ -14,7 +14,7 @@ use super::ImageFault;
 use super::align::{Belief, Fineness, Fit, NO_PART, Owners, glance, refine};
 use super::modes::Light;
 use super::search::{Search, Seed};
-use super::segment::{Plateau, Segmentation, Uncovered};
+use super::segment::{Plateau, Segmentation, TaughtLight, Uncovered};
 use super::sought::{SHADE_SIGMA, Sought, Turn};
 use super::surround::{Samples, Surround};
 use super::template::PartModel;
@@ -25,6 +25,8 @@ use guess::{glance_at, turns_at};
 
 /// Smallest thing that counts as an obstacle, px.
 const BLOB_PX_MIN: usize = 9;
+/// So near to where it stood when the part was taught, m, light falls on the tray as it did then.
+const SAME_PLACE_M: f64 = 0.005;
 /// Mean square miss up to which a rough fit is worth a fine one.
 const ROUGH_COST_MAX: f32 = 5.0;
 
@@ -291,8 +293,12 @@ impl Detector {
 
     /// By how much the light falls otherwise across the bare plateau of the frame looked at last than when the part was taught,
     /// relative to its brightness there: root of the mean square over the picture. How much light there is does not matter.
-    pub(super) fn light_change(&self) -> Option<f64> {
-        let taught = self.plateau.taught?.light;
+    /// `None` where the tray stands elsewhere than when the part was taught, and the light falls otherwise for that alone.
+    pub(super) fn light_change(&self, view: &View) -> Option<f64> {
+        let TaughtLight { light: taught, at_m, .. } = self.plateau.taught?;
+        if (view.from_camera_m() - at_m).norm() > SAME_PLACE_M {
+            return None;
+        }
         let light = self.segmentation.light;
         let share = |light: &[f32; 6], index: usize| f64::from(light[index] / light[0].max(1.0));
         let [u, v, uu, uv, vv] = [1, 2, 3, 4, 5].map(|index| share(&light, index) - share(&taught, index));

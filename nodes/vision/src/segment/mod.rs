@@ -6,7 +6,7 @@ mod light;
 mod walls;
 
 use image::GrayImage;
-use nalgebra::Point2;
+use nalgebra::{Point2, Vector2};
 
 use super::ImageFault;
 use super::blobs::Blobs;
@@ -34,6 +34,8 @@ pub(super) struct TaughtLight {
     pub light: [f32; 6],
     /// Grey level of the hub's top.
     pub hub_level: f32,
+    /// Where the tray stood, see [`View::from_camera_m`].
+    pub at_m: Vector2<f64>,
 }
 
 /// What is known of the bare plateau before a frame is looked at.

@@ -202,6 +202,7 @@ fn learn(
     let mut model = PartModel {
         plateau_light: taught.light,
         hub_level: taught.hub_level,
+        taught_at_m: taught.at_m.into(),
         plateau_shade: shade_plane(&plateau),
         poses: Vec::new(),
     };
@@ -281,13 +282,14 @@ impl Lesson<'_> {
     ) -> Result<(TaughtLight, Plateau), TeachError> {
         let known = Plateau { taught: None, ..known.clone() };
         let mut sums = vec![PlateauSums::default(); RADIAL_BINS + 1];
-        let (mut light, mut hub, mut count) = ([0.0; 6], 0.0, 0.0_f32);
+        let (mut light, mut hub, mut at_m, mut count) = ([0.0; 6], 0.0, Vector2::zeros(), 0.0_f32);
         for (index, frame) in frames.iter().enumerate().filter(|(_, frame)| counts(frame)) {
             self.look(frame, index, &known)?;
             let view = View { camera: self.camera, tray: self.tray, platen_from_tray: frame.platen_from_tray };
             self.segmentation.learn_plateau(&view, if bare { None } else { Some(PLATEAU_MARGIN_PX) }, &mut sums);
             hub += hub_level(&view, frame.image).ok_or(TeachError::HubOutOfView { index })?;
             light = std::array::from_fn(|index| light[index] + self.segmentation.light[index]);
+            at_m += view.from_camera_m();
             count += 1.0;
         }
         if count == 0.0 {
@@ -301,7 +303,8 @@ impl Lesson<'_> {
             let [constant, cos, sin] = solution.unwrap_or_default().map(single).into();
             [1.0 + constant, cos, sin]
         };
-        let taught = TaughtLight { light: light.map(|sum| sum / count), hub_level: hub / count };
+        let taught =
+            TaughtLight { light: light.map(|sum| sum / count), hub_level: hub / count, at_m: at_m / f64::from(count) };
         Ok((taught, Plateau { taught: Some(taught), shade: sums.iter().map(shade).collect() }))
     }
 

@@ -424,6 +424,7 @@ fn bad_configurations_are_refused_by_name() {
     let tracker = TrackerConfig { memory: 1.0, ..TrackerConfig::default() };
     assert_eq!(refused(SelectorConfig { tracker, ..config() }, model()), "selector.tracker.memory");
     assert_eq!(refused(config(), PartModel { poses: Vec::new(), ..model() }), "part_model.poses");
+    assert_eq!(refused(config(), PartModel { taught_at_m: [f64::NAN, 0.0], ..model() }), "part_model.taught_at_m");
     assert_eq!(refused(config(), PartModel { hub_level: 0.0, ..model() }), "part_model.hub_level");
     let damaged = serde_json::to_string(&*MODEL).unwrap().replacen("7f", "zz", 1);
     assert!(serde_json::from_str::<PartModel>(&damaged).unwrap_err().to_string().contains("hexadecimal"));
