@@ -2,8 +2,9 @@
 //!
 //! The ramp is not seen. But how many parts are in the feeder is known, and how many of them lie on the plateau is seen; of
 //! those that are left the waveform should bring so many up each second, if they are spread evenly over the ramp. Parts that
-//! cross a line on the plateau just beyond the ramp are counted against that. Both are counted over a minute of feeding, and
-//! heaps and places where nothing climbs are not known: only far too few are a reason for a word.
+//! cross a line on the plateau just beyond the ramp are counted against that. Both fade with the parts that were to be
+//! expected, however fast they come. Heaps and places where nothing climbs are not known: only far too few, and fewer than
+//! chance explains, are a reason for a word.
 
 use std::collections::BTreeMap;
 
@@ -26,18 +27,24 @@ pub(super) struct ArrivalWatch {
     expected: f64,
     /// Parts that came over those expected when they became too few, while they are.
     few: Option<f64>,
+    /// Parts on the ramp.
+    on_ramp: f64,
+    /// Parts that should have come since somebody waits for one.
+    due: f64,
 }
 
 impl ArrivalWatch {
     /// The line is so far beyond the ramp's end, rad: parts are seen on both sides of it.
     const BEYOND_RAD: f64 = 0.2;
-    /// Feeding after which a count is 1/e, s.
-    const MEMORY_S: f64 = 60.0;
-    /// Parts expected below which nothing is judged.
-    const EXPECTED_MIN: f64 = 12.0;
+    /// Parts expected after which a count is 1/e.
+    const MEMORY: f64 = 30.0;
+    /// Chance explains so many times the square root of the parts expected, if parts come independently of each other.
+    const CHANCE: f64 = 2.3;
     /// Fewer than this share of those expected are too few, and from this share on they are enough again.
     const FEW: f64 = 0.35;
     const ENOUGH: f64 = 0.6;
+    /// So many should have come before it means anything that none of them fits, or that none came.
+    const DUE: f64 = 6.0;
 
     /// A watch over a tray whose ramp ends at `ramp_angle_rad`.
     pub(super) fn new(ramp_angle_rad: f64) -> Self {
@@ -49,6 +56,8 @@ impl ArrivalWatch {
             arrived: 0.0,
             expected: 0.0,
             few: None,
+            on_ramp: 0.0,
+            due: 0.0,
         }
     }
 
@@ -56,6 +65,16 @@ impl ArrivalWatch {
     pub(super) fn expect(&mut self, climb_per_s: Option<f64>) {
         (self.climb_per_s, self.last, self.few) = (climb_per_s, None, None);
         (self.arrived, self.expected) = (0.0, 0.0);
+    }
+
+    /// Somebody waits for a part from now on.
+    pub(super) fn wait(&mut self) {
+        self.due = 0.0;
+    }
+
+    /// Whether parts are on the ramp, and it is too soon to wonder that none has come that fits.
+    pub(super) fn is_too_soon(&self) -> bool {
+        self.climb_per_s.is_some() && self.on_ramp > 0.0 && self.due < Self::DUE
     }
 
     /// Takes how many parts there are in the feeder.
@@ -81,19 +100,20 @@ impl ArrivalWatch {
         if let Some((since, before)) = &self.last {
             let elapsed_s = frame.stamp.saturating_sub(*since).as_secs_f64();
             let seen = u32::try_from(frame.candidates.len()).unwrap_or(u32::MAX);
-            let on_ramp = f64::from(self.parts.saturating_sub(seen));
+            self.on_ramp = f64::from(self.parts.saturating_sub(seen));
             let arrived = crossed(before) as f64;
-            let fading = (-elapsed_s / Self::MEMORY_S).exp();
+            let expected = climb_per_s * self.on_ramp * elapsed_s;
+            self.due += expected;
+            let fading = (-expected / Self::MEMORY).exp();
             self.arrived = self.arrived * fading + arrived;
-            self.expected = self.expected * fading + climb_per_s * on_ramp * elapsed_s;
+            self.expected = self.expected * fading + expected;
         }
         self.last = Some((frame.stamp, places));
-        if self.expected >= Self::EXPECTED_MIN {
-            let enough = if self.few.is_some() { Self::ENOUGH } else { Self::FEW };
-            let share = self.arrived / self.expected;
-            // That the share changes is no news.
-            self.few = (self.arrived < enough * self.expected).then(|| self.few.unwrap_or(share));
-        }
+        let by_chance = self.expected - Self::CHANCE * self.expected.sqrt();
+        let too_few = (Self::FEW * self.expected).min(by_chance);
+        let enough = if self.few.is_some() { Self::ENOUGH * self.expected } else { too_few };
+        // That the share changes is no news.
+        self.few = (self.arrived < enough).then(|| self.few.unwrap_or(self.arrived / self.expected));
     }
 
     /// Parts that came over those expected when they became too few, while they are.
@@ -143,11 +163,23 @@ mod tests {
 
     #[test]
     fn where_little_was_to_be_expected_or_nothing_is_known_nothing_is_said() {
-        assert_eq!(watched(10, None).few(), None);
+        assert_eq!(watched(4, None).few(), None);
         let mut unknown = watched(40, None);
         unknown.expect(None);
         feed(&mut unknown, 40, 40, None);
         assert_eq!(unknown.few(), None);
+    }
+
+    #[test]
+    fn it_is_too_soon_to_wonder_until_six_parts_should_have_come_and_never_without_parts_on_the_ramp() {
+        assert!(watched(5, None).is_too_soon());
+        assert!(!watched(7, None).is_too_soon());
+        let mut again = watched(7, Some(1.0));
+        again.wait();
+        assert!(again.is_too_soon());
+        again.expect(None);
+        assert!(!again.is_too_soon());
+        assert!(!ArrivalWatch::new(PI).is_too_soon());
     }
 
     #[test]

@@ -71,7 +71,8 @@ pub struct DeliveryConfig {
     /// Shortest feeding between two looks, s.
     #[schemars(range(min = 0.0, max = 60.0))]
     pub feed_s_min: f64,
-    /// Feeding without a fitting part after which a warning is given, s.
+    /// Feeding without a fitting part after which a warning is given, s; up to four times as long where there are parts that
+    /// the waveform has not had the time to bring.
     #[schemars(range(min = 0.1, max = 3600.0))]
     pub starvation_s: f64,
     /// Share by which parts on the plateau may be slower or faster than the waveform should make them before it is said:

@@ -283,6 +283,24 @@ fn where_parts_are_and_do_not_come_nobody_is_told_to_load_some() {
 }
 
 #[test]
+fn a_slow_waveform_is_given_the_time_to_bring_the_parts_that_are_there_but_not_for_ever() {
+    // One of twenty parts should come every five seconds, and one of two every fifty.
+    for (parts, starved_s, is_explained) in [(20, 30, true), (2, 120, false)] {
+        let mut world = World::new(Faults::default(), config());
+        world.barren = true;
+        world.sequencer.expect_feed(Vec::new(), Some(0.01));
+        world.sequencer.carry(parts);
+        world.request("right", None);
+        world.run(starved_s - 2);
+        assert!(!world.sequencer.is_starved(), "{parts} parts");
+        world.run(5);
+        assert!(world.sequencer.is_starved(), "{parts} parts");
+        world.run(20);
+        assert_eq!(world.sequencer.feed_trouble().is_some(), is_explained, "{parts} parts");
+    }
+}
+
+#[test]
 fn a_fault_of_the_courier_ends_every_delivery_at_once_and_is_over_when_the_couriers_is() {
     let mut world = World::new(Faults::default(), config());
     world.barren = true;

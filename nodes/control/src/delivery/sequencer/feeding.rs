@@ -12,6 +12,9 @@ use super::{DeliverySequencer, SequencerState, late, mean_s};
 impl DeliverySequencer {
     /// Looks with nothing on the plateau after which it counts as empty.
     const EMPTY_LOOKS: u32 = 5;
+    /// A slow waveform is waited for no longer than so many starvation times: the parts on the ramp are only believed to be
+    /// there.
+    const SLOW: f64 = 4.0;
 
     pub(super) fn idle(&mut self, now: Stamp) -> bool {
         let area = self.parking();
@@ -33,7 +36,7 @@ impl DeliverySequencer {
         if late(now, seen, self.config.look_timeout_s) {
             return self.fail(now, Failure::NoImage);
         }
-        if !starved && late(now, since, self.config.starvation_s) {
+        if !starved && self.starves(now, since) {
             // Where the cause is known it has been told, and it is not that parts are needed.
             if self.feed_trouble().is_none() {
                 self.outputs.push(Output::Warning(Warning::Starved(now.saturating_sub(since))));
@@ -50,6 +53,14 @@ impl DeliverySequencer {
         self.drift.feed(&frame, |candidate| wanted.contains(&candidate.id));
         self.watch_feed(&frame);
         late(now, since, self.config.feed_s_min) && self.is_time_to_stop(now) && self.stop(now)
+    }
+
+    /// Whether no fitting part has come since feeding began, for the starvation time, and for as long as a slow waveform takes
+    /// to bring one.
+    fn starves(&self, now: Stamp, since: Stamp) -> bool {
+        let starvation_s = self.config.starvation_s;
+        late(now, since, starvation_s)
+            && (!self.arrival_watch.is_too_soon() || late(now, since, Self::SLOW * starvation_s))
     }
 
     /// Compares how the parts of a frame move with how they should, and how many come, and tells when that changes.
@@ -178,6 +189,7 @@ impl DeliverySequencer {
         }
         if looks + 1 >= self.config.looks {
             self.drift.start();
+            self.arrival_watch.wait();
             return self.enter(SequencerState::Feeding { since: now, starved: false }, self.expected(now));
         }
         self.state = SequencerState::Looking { since, rest_since, seen: Some(frame.stamp), looks: looks + 1 };
