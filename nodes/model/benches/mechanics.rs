@@ -2,6 +2,7 @@
 //!
 //! Throughput is in elements per second, one element being one millisecond of one part: "Gelem/s" × 10⁶ is part-seconds
 //! per wall-second. The case is Fig. 15's waveform on the paper's ramp at r = 85 mm, period 1/30 s.
+#![expect(clippy::disallowed_methods, reason = "a benchmark is no part of core")]
 
 use std::hint::black_box;
 

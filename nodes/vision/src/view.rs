@@ -61,7 +61,7 @@ impl View<'_> {
     }
 
     /// Where the tray stands from below the camera, platen frame, m.
-    pub(super) fn from_camera_m(&self) -> Vector2<f64> {
+    pub(super) fn beside_camera_m(&self) -> Vector2<f64> {
         let pose = self.camera.pose();
         self.platen_from_tray.translation.vector - Vector2::new(pose.x_m, pose.y_m)
     }

@@ -34,7 +34,7 @@ pub(super) struct TaughtLight {
     pub light: [f32; 6],
     /// Grey level of the hub's top.
     pub hub_level: f32,
-    /// Where the tray stood, see [`View::from_camera_m`].
+    /// Where the tray stood, see [`View::beside_camera_m`].
     pub at_m: Vector2<f64>,
 }
 
