@@ -201,7 +201,7 @@ impl DeliveryPlanner {
         if let Some(newest) = states.last() {
             let activity = courier_state::from_message(newest.clone());
             self.sequencer.courier_fault(activity.fault.as_deref());
-            self.sequencer.courier_warning(activity.warning);
+            self.sequencer.courier_warning(Duration::from_nanos(io.now_ns()), activity.warning);
         }
         for message in io.take(&self.ports.odometry) {
             let stamp_ns = ns_of_stamp(&message.header.stamp);

@@ -301,6 +301,27 @@ fn a_slow_waveform_is_given_the_time_to_bring_the_parts_that_are_there_but_not_f
 }
 
 #[test]
+fn what_the_courier_says_comes_and_goes_and_is_told_once() {
+    let mut world = World::new(Faults::default(), config());
+    let mut told = |second: u64, said: Option<&str>| {
+        let before = world.log.len();
+        world.sequencer.courier_warning(Stamp::from_secs(second), said.map(str::to_owned));
+        let stands = world.sequencer.feed_trouble();
+        assert_eq!(stands.as_deref(), said);
+        world.tick();
+        let is_told = |(_, output): &&(_, Output)| matches!(output, Output::Warning(Warning::Courier(_)));
+        world.log[before..].iter().filter(is_told).count()
+    };
+    assert_eq!(told(10, Some("it swings near 451 Hz")), 1);
+    assert_eq!(told(12, None), 0);
+    assert_eq!(told(13, Some("it swings near 452 Hz")), 0);
+    assert_eq!(told(14, Some("it is off by 5 %")), 1);
+    // A minute after it was heard last it is news again.
+    assert_eq!(told(72, Some("it swings near 451 Hz")), 0);
+    assert_eq!(told(140, Some("it swings near 451 Hz")), 1);
+}
+
+#[test]
 fn a_fault_of_the_courier_ends_every_delivery_at_once_and_is_over_when_the_couriers_is() {
     let mut world = World::new(Faults::default(), config());
     world.barren = true;

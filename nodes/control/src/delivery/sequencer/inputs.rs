@@ -139,9 +139,16 @@ impl DeliverySequencer {
     }
 
     /// Takes what the courier driver says against its own feeding, or that it says nothing.
-    pub fn courier_warning(&mut self, warning: Option<String>) {
-        if let Some(warning) = warning.clone().filter(|_| self.courier_warning.is_none()) {
-            self.outputs.push(Output::Warning(Warning::Courier(warning)));
+    ///
+    /// The same with other numbers is no news, nor when it comes and goes with the vibration.
+    pub fn courier_warning(&mut self, now: Stamp, warning: Option<String>) {
+        const QUIET: Duration = Duration::from_mins(1);
+        if let Some(text) = &warning {
+            let kind = text.chars().filter(|sign| !sign.is_ascii_digit()).collect();
+            let told_until = self.courier_told.insert(kind, now + QUIET);
+            if told_until.is_none_or(|until| now >= until) {
+                self.outputs.push(Output::Warning(Warning::Courier(text.clone())));
+            }
         }
         self.courier_warning = warning;
     }

@@ -4,7 +4,7 @@ mod carrying;
 mod feeding;
 mod inputs;
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
 use nalgebra::{Vector2, Vector3};
@@ -149,6 +149,8 @@ pub struct DeliverySequencer {
     courier: Option<CourierReport>,
     /// What the courier driver says against its own feeding.
     courier_warning: Option<String>,
+    /// What of it has been told, without its numbers, and until when that counts as told.
+    courier_told: BTreeMap<String, Stamp>,
     /// Since when the courier has neither moved nor vibrated.
     rest_since: Option<Stamp>,
     move_ended: Option<(MoveId, Result<(), String>)>,
@@ -202,6 +204,7 @@ impl DeliverySequencer {
             fed_frame: None,
             courier: None,
             courier_warning: None,
+            courier_told: BTreeMap::new(),
             rest_since: None,
             move_ended: None,
             hand_over: VecDeque::new(),
