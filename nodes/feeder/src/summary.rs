@@ -60,7 +60,8 @@ pub struct Summary {
 struct Feeding {
     /// Name of the feeder.
     feeder: String,
-    /// Parts per minute that passed the camera, and of these those that lay right and apart.
+    /// Parts per minute that passed the camera; and of these those that lay right and apart, with those taken from the plateau
+    /// before, lying right.
     passed_per_min: f64,
     good_per_min: f64,
     /// What the selector called right and was; and was not; and good parts it never called right. Once a lap each.
@@ -100,7 +101,7 @@ impl Feeding {
             row("feeder", self.feeder.clone())?;
         }
         row("past the camera", format!("{:.1} /min", self.passed_per_min))?;
-        row("  right, a length apart", format!("{:.1} /min", self.good_per_min))?;
+        row("  right, apart or taken", format!("{:.1} /min", self.good_per_min))?;
         row("selected rightly", self.right_selections.to_string())?;
         row("  wrongly", self.wrong_selections.to_string())?;
         row("  missed", self.missed_selections.to_string())?;

@@ -48,7 +48,7 @@ pub struct FeedReport {
     pub right: u32,
     /// Of these, apart from others by at least one length.
     pub apart: u32,
-    /// Of these, both.
+    /// Of these, both; and parts in a wanted pose that were taken from the plateau before they got there.
     pub good: u32,
     /// Parts on the plateau, on average over time.
     pub plateau_parts: f64,
@@ -100,6 +100,9 @@ struct Known {
     angle_rad: f64,
     /// When it fell, s, until it enters the plateau again.
     fell_s: Option<f64>,
+    /// If it lies in a wanted pose.
+    right: bool,
+    /// If it was good when it passed the camera.
     good: bool,
 }
 
@@ -139,6 +142,9 @@ impl FeedObserver {
             let now = self.follow(time_s, part, &plateau, &mut departures);
             known.insert(part.id, now);
         }
+        let is_taken = |(id, before): &(&u32, &Known)| before.place == Place::Plateau && !known.contains_key(id);
+        let taken = self.known.iter().filter(is_taken).filter(|(_, before)| before.right && !before.good).count();
+        self.report.good += u32::try_from(taken).unwrap_or(u32::MAX);
         self.known = known;
         departures
     }
@@ -152,7 +158,8 @@ impl FeedObserver {
     ) -> Known {
         let angle_rad = part.position_m.y.atan2(part.position_m.x).rem_euclid(TAU);
         let before = self.known.get(&part.id).copied();
-        let mut now = Known { place: part.place, angle_rad, fell_s: None, good: false };
+        let right = self.wanted.get(part.pose).copied().unwrap_or_default();
+        let mut now = Known { place: part.place, angle_rad, fell_s: None, right, good: false };
         if let Some(before) = before {
             (now.fell_s, now.good) = (before.fell_s, before.good);
         }
@@ -175,7 +182,6 @@ impl FeedObserver {
                 let middle_rad = f64::midpoint(self.tray.ramp_angle_rad, TAU);
                 let passes = before.is_some_and(|b| was_on_plateau && b.angle_rad < middle_rad);
                 if passes && angle_rad >= middle_rad {
-                    let right = self.wanted.get(part.pose).copied().unwrap_or_default();
                     now.good = right && apart;
                     self.report.passed += 1;
                     self.report.right += u32::from(right);
@@ -245,6 +251,19 @@ mod tests {
         assert!((report.plateau_parts - 3.0).abs() < 1e-12);
         assert!((report.singulation - 2.0 / 6.0).abs() < 1e-12);
         assert!((report.wall_gap_m - 0.007).abs() < 1e-12);
+    }
+
+    #[test]
+    fn parts_taken_before_they_pass_the_middle_were_good_if_they_lay_right_and_no_part_counts_twice() {
+        let mut observer = FeedObserver::new(TrayGeometry::PAPER, &disc(0.006, 0.2));
+        let plateau = |id, pose, angle_rad| at(id, Place::Plateau, pose, angle_rad);
+        observer.observe(0.0, [plateau(0, 0, 4.7), plateau(1, 0, 4.1), plateau(2, 1, 3.6)].into_iter());
+        observer.observe(1.0, [plateau(0, 0, 4.8), plateau(1, 0, 4.2), plateau(2, 1, 3.7)].into_iter());
+        assert_eq!(observer.report().good, 1);
+        // The first had passed, the second lay right, the third the wrong way round; a fourth is taken from the ramp.
+        observer.observe(2.0, [at(3, Place::Ramp, 0, 1.0)].into_iter());
+        observer.observe(3.0, std::iter::empty());
+        assert_eq!((observer.report().passed, observer.report().good), (1, 2));
     }
 
     #[test]
