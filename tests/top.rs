@@ -107,6 +107,17 @@ fn a_graph_that_runs_already_is_shown_with_its_end() {
 }
 
 #[test]
+fn a_graph_that_is_not_the_scenario_is_noticed() {
+    let run = Up::new("--composed --duration 3600 --speed 1").start();
+    let other = concat!(env!("CARGO_MANIFEST_DIR"), "/../launch_configs/blocks.yaml");
+    let mut terminal = Terminal::start(&command(run.domain(), &format!("top --scenario {other}")));
+    terminal.until("▲ what runs is not the scenario that is shown");
+    terminal.until("it feeds grommet, not block");
+    terminal.keys("q");
+    terminal.ended().assert_given_back();
+}
+
+#[test]
 fn whoever_wants_lines_gets_lines() {
     let domain = TestDomain::claim();
     let dumb = {

@@ -319,3 +319,77 @@ impl Conversation {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::net::TcpStream;
+
+    use feeder_runtime::testing::TestDomain;
+    use feeder_scenario::plan::load_plan;
+    use tungstenite::{Message as Received, WebSocket};
+
+    use super::*;
+    use crate::description::Source;
+    use crate::{Settings, View};
+
+    /// Longest wait for a message. It only keeps a failing test from hanging.
+    const PATIENCE: Duration = Duration::from_secs(60);
+
+    /// The next message of this type.
+    fn next(viewer: &mut WebSocket<TcpStream>, wanted: &str) -> Value {
+        loop {
+            if let Received::Text(text) = viewer.read().unwrap() {
+                let message: Value = serde_json::from_str(&text).unwrap();
+                if message["type"] == wanted {
+                    return message;
+                }
+            }
+        }
+    }
+
+    /// Shows this many messages of this type while a viewer does not read, and counts those that were kept for it.
+    fn kept(kind: &str, shown: u64, show: impl Fn(&View, Utf8Bytes)) -> u64 {
+        // So long that few fit in what the system holds for a connection.
+        let padding = "x".repeat(64 * 1024);
+        let domain = TestDomain::claim();
+        let settings = Settings {
+            place: Some("0".parse().unwrap()),
+            read_only: false,
+            source: Source::Run,
+            scenario: "default".to_owned(),
+            domain: *domain,
+        };
+        let view = View::start(&load_plan(None).unwrap(), &settings).unwrap();
+        let address = view.address().unwrap();
+        let stream = TcpStream::connect(address).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        let (mut viewer, _) = tungstenite::client(format!("ws://{address}/ws"), stream).unwrap();
+        // Nothing runs on the graph: the server itself shows no other frame after its first.
+        next(&mut viewer, "frame");
+        let subscribe = json!({ "type": "subscribe", "channels": ["frame", "servo"] });
+        viewer.send(Received::text(subscribe.to_string())).unwrap();
+        // Answered after the subscription, so that it is known to be heard.
+        viewer.send(Received::text(json!({ "type": "control", "id": 1, "name": "fly" }).to_string())).unwrap();
+        next(&mut viewer, "reply");
+        for number in 1..=shown {
+            show(&view, json!({ "type": kind, "number": number, "padding": padding }).to_string().into());
+        }
+        // The newest is never missed.
+        let numbers = std::iter::repeat_with(|| next(&mut viewer, kind)["number"].as_u64());
+        1 + numbers.take_while(|number| *number != Some(shown)).count() as u64
+    }
+
+    #[test]
+    fn nothing_queues_for_a_viewer_that_is_slow() {
+        const SHOWN: u64 = 2000;
+        let frames = kept("frame", SHOWN, |view, frame| {
+            view.shared.board.frame.send_replace(Some(frame));
+        });
+        assert!(frames < SHOWN / 4, "{frames} of {SHOWN} frames were kept");
+        let blocks = kept("servo", SHOWN, |view, block| {
+            // Whoever listens may be gone, which the wait for the last tells.
+            let _ = view.shared.board.feeders[0].servo.send(block);
+        });
+        assert!(blocks < SHOWN / 4, "{blocks} of {SHOWN} blocks of samples were kept");
+    }
+}
