@@ -13,6 +13,7 @@ mod faults;
 mod graph;
 mod interop;
 mod page;
+mod page_pictures;
 mod parameters;
 mod part_file;
 mod partner;
