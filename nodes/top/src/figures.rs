@@ -92,7 +92,7 @@ pub(crate) fn feeding(picture: &Picture, palette: Palette) -> Vec<Figure> {
         figure(
             "feeding",
             format!(
-                "{on}, good {} of {}",
+                "{on}, good {}, passed {}",
                 fixed(&metrics["good_per_min"], 1, ""),
                 fixed(&metrics["passed_per_min"], 1, " /min")
             ),

@@ -127,7 +127,7 @@ fn the_feeding_panel_tells_how_it_feeds() {
     assert_shows(
         &shown(&sight(), (100, 24)),
         &[
-            "on, good 8.1 of 24.0 /min",
+            "on, good 8.1, passed 24.0 /min",
             "1 of 3 seen",
             "12 right, 0 wrong, 3 missed",
             "62 %, mean gap 5.10 mm",

@@ -99,7 +99,7 @@ function showFigures(state, metrics, progress, counts, error, axis) {
     ["Delivered", delivery ? String(delivery.delivered) : UNKNOWN, delivery ? `of ${delivery.accepted}${delivery.failed > 0 ? `, ${delivery.failed} failed` : ""}` : ""],
     ["May be picked", seen ? String(pickable) : UNKNOWN, seen ? `of ${seen.length} seen` : ""],
     ["In the tray", counts ? String(counts.parts) : UNKNOWN, "parts"],
-    ["Good, past the middle", significant(metrics?.good_per_min, 2), "/min"],
+    ["Good parts", significant(metrics?.good_per_min, 2), "/min"],
     ["Apart on the plateau", metrics ? fixed(metrics.singulation * 100, 0) : UNKNOWN, "%"],
     ["Selected wrongly", metrics ? String(metrics.wrong_selections) : UNKNOWN, metrics ? `of ${metrics.right_selections + metrics.wrong_selections}` : ""],
     ["Largest slip in delivery", ...parted(progress?.slip_m_max === null ? null : si(progress?.slip_m_max, "m"))],
