@@ -60,8 +60,8 @@ pub struct Summary {
 struct Feeding {
     /// Name of the feeder.
     feeder: String,
-    /// Parts per minute that passed the camera; and of these those that lay right and apart, with those taken from the plateau
-    /// before, lying right.
+    /// Parts per minute that passed the camera; and of these those that lay right and apart, with others that were taken from
+    /// the plateau lying right, before the camera or after it.
     passed_per_min: f64,
     good_per_min: f64,
     /// What the selector called right and was; and was not; and good parts it never called right. Once a lap each.

@@ -60,17 +60,15 @@ impl View<'_> {
         Some(px_from_platen * self.platen_from_tray.rotation.to_rotation_matrix().matrix())
     }
 
-    /// Where the tray stands from below the camera, platen frame, m.
-    pub(super) fn beside_camera_m(&self) -> Vector2<f64> {
+    /// Where a point of the tray frame is from below the camera, platen frame, m.
+    pub(super) fn beside_camera_m(&self, point: Point2<f64>) -> Vector2<f64> {
         let pose = self.camera.pose();
-        self.platen_from_tray.translation.vector - Vector2::new(pose.x_m, pose.y_m)
+        (self.platen_from_tray * point).coords - Vector2::new(pose.x_m, pose.y_m)
     }
 
     /// How far outwards, in the platen frame, the line of sight through a point leads per metre of descent.
     pub(super) fn slant(&self, point: Point2<f64>, height_m: f64) -> Vector2<f64> {
-        let pose = self.camera.pose();
-        let from_camera = (self.platen_from_tray * point).coords - Vector2::new(pose.x_m, pose.y_m);
-        from_camera / (pose.height_m - height_m)
+        self.beside_camera_m(point) / (self.camera.pose().height_m - height_m)
     }
 
     fn in_platen(&self, point: Point2<f64>, height_m: f64) -> Point3<f64> {

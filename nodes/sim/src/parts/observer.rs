@@ -48,7 +48,7 @@ pub struct FeedReport {
     pub right: u32,
     /// Of these, apart from others by at least one length.
     pub apart: u32,
-    /// Of these, both; and parts in a wanted pose that were taken from the plateau before they got there.
+    /// Of these, both; and others that were taken from the plateau in a wanted pose, before the middle or after it.
     pub good: u32,
     /// Parts on the plateau, on average over time.
     pub plateau_parts: f64,
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_taken_before_they_pass_the_middle_were_good_if_they_lay_right_and_no_part_counts_twice() {
+    fn parts_that_are_taken_were_good_if_they_lay_right_and_no_part_counts_twice() {
         let mut observer = FeedObserver::new(TrayGeometry::PAPER, &disc(0.006, 0.2));
         let plateau = |id, pose, angle_rad| at(id, Place::Plateau, pose, angle_rad);
         observer.observe(0.0, [plateau(0, 0, 4.7), plateau(1, 0, 4.1), plateau(2, 1, 3.6)].into_iter());

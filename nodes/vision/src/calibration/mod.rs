@@ -117,16 +117,13 @@ fn compare(
     platen_from_tray: &Isometry2<f64>,
 ) -> Misalignment {
     let height_m = tray.plateau_height_m();
-    let read = |place: Point2<f64>| {
-        let on_platen = platen_from_tray * place;
-        let pixel = truly.project(nalgebra::Point3::new(on_platen.x, on_platen.y, height_m))?;
-        Some(believed.back_project(pixel, height_m)? - on_platen)
-    };
+    let seen_by = |camera, place| View { camera, tray, platen_from_tray: *platen_from_tray }.pixel(place, height_m);
+    let read =
+        |place: Point2<f64>| Some(believed.back_project(seen_by(truly, place)?, height_m)? - platen_from_tray * place);
     let in_picture = |place: &Point2<f64>| {
-        let on_platen = platen_from_tray * place;
-        let pixel = believed.project(nalgebra::Point3::new(on_platen.x, on_platen.y, height_m));
         let inside = |at: f64, size_px: u32| (0.0..f64::from(size_px)).contains(&at);
-        pixel.is_some_and(|pixel| inside(pixel.x, believed.width_px()) && inside(pixel.y, believed.height_px()))
+        seen_by(believed, *place)
+            .is_some_and(|pixel| inside(pixel.x, believed.width_px()) && inside(pixel.y, believed.height_px()))
     };
     let mut outline = View::outline_of_plateau(tray);
     outline.retain(in_picture);

@@ -296,7 +296,7 @@ impl Detector {
     /// `None` where the tray stands elsewhere than when the part was taught, and the light falls otherwise for that alone.
     pub(super) fn light_change(&self, view: &View) -> Option<f64> {
         let TaughtLight { light: taught, at_m, .. } = self.plateau.taught?;
-        if (view.beside_camera_m() - at_m).norm() > SAME_PLACE_M {
+        if (view.beside_camera_m(Point2::origin()) - at_m).norm() > SAME_PLACE_M {
             return None;
         }
         let light = self.segmentation.light;

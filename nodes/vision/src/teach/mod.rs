@@ -289,7 +289,7 @@ impl Lesson<'_> {
             self.segmentation.learn_plateau(&view, if bare { None } else { Some(PLATEAU_MARGIN_PX) }, &mut sums);
             hub += hub_level(&view, frame.image).ok_or(TeachError::HubOutOfView { index })?;
             light = std::array::from_fn(|index| light[index] + self.segmentation.light[index]);
-            at_m += view.beside_camera_m();
+            at_m += view.beside_camera_m(Point2::origin());
             count += 1.0;
         }
         if count == 0.0 {
