@@ -84,6 +84,11 @@ fn the_page_shows_a_run_and_controls_it() {
     browser.click("[data-control=reset_fault] button");
     browser.until("!document.getElementById('alerts').textContent.includes('Fault')");
 
+    let ran_s = browser.value("feeder.playback.newest.time_s").as_f64().unwrap();
+    browser.click("#reset");
+    browser
+        .until(&format!("feeder.playback.newest?.time_s < {ran_s} - 0.5 && feeder.tray.painter.shown.length === 20"));
+
     for (width_px, height_px) in [(390, 844), (820, 1180), (1800, 1000)] {
         browser.resize(width_px, height_px);
         browser.until(&format!("innerWidth === {width_px}"));

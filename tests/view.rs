@@ -201,6 +201,45 @@ fn a_run_is_the_same_whoever_looks() {
     }
 }
 
+/// A reset in mid-run, of processes and of one process, at another speed and while it stands still.
+#[test]
+fn a_run_that_is_started_again_is_the_same_run() {
+    for form in ["", " --composed"] {
+        let run = Up::new(&format!("{REPEATED}{form} --speed max --view=0")).digest().start();
+        let mut viewer = Viewer::connect(wait_for("the view's address", || address(&run.stderr())));
+        viewer.subscribe(&["frame"]);
+        viewer.frame("the run", |frame| time_s(frame) > 3.0);
+        viewer.control("speed", &json!({ "speed": 500.0 }));
+        viewer.control("pause", &json!({}));
+        viewer.frame("the pause", |frame| frame["paused"] == true);
+        let stopped_s = viewer.standstill_s();
+        assert!((3.0..24.0).contains(&stopped_s), "the run came to {stopped_s} s before it was paused");
+        viewer.control("reset", &json!({}));
+        let begun = viewer.frame("the run's beginning", |frame| time_s(frame) < 1.0 && frame["paused"] == true);
+        assert!(viewer.standstill_s() < 0.015 && begun["speed"] == 500.0, "{begun}");
+        viewer.control("resume", &json!({}));
+        let outcome = run.outcome();
+        assert!(outcome.status.success(), "{}", outcome.stderr);
+        assert_eq!(outcome.digest(), REFERENCE.digest(), "run again{form}");
+    }
+}
+
+#[test]
+fn a_run_that_is_recorded_is_not_started_again() {
+    let work = TempDir::new().unwrap();
+    let run = Up::new("--composed --duration 3600 --speed 1 --view=0").record(&work.path().join("bag")).start();
+    let mut viewer = Viewer::connect(wait_for("the view's address", || address(&run.stderr())));
+    viewer.subscribe(&["frame"]);
+    let seen_s = time_s(&viewer.frame("the run", |frame| time_s(frame) > 0.5));
+    viewer.say(&json!({ "type": "control", "id": 1, "name": "reset", "arguments": {} }));
+    let reply = viewer.next("reply");
+    let told = reply["message"].as_str().unwrap_or_default();
+    assert!(reply["ok"] == false && told.contains("recorded") && told.contains("start another"), "{reply}");
+    assert!(time_s(&viewer.frame("that it goes on", |frame| time_s(frame) > seen_s + 0.5)) > 1.0);
+    run.process().signal(Signal::INT);
+    assert!(run.outcome().status.success());
+}
+
 /// A `feeder view` of its own. Dropped, it is ended.
 struct Page {
     child: Child,

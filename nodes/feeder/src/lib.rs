@@ -1,5 +1,6 @@
 //! The `feeder` command as a library: each subcommand lives in a module of its own, this file only names them.
 
+mod attempt;
 mod bag;
 mod calibrate;
 mod crew;

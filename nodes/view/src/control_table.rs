@@ -169,7 +169,6 @@ pub(crate) fn controls(cell: &Description, source: Source, read_only: bool) -> V
             match (source, name) {
                 (Source::Bag, "pause" | "resume" | "step" | "speed") => None,
                 (Source::Bag, _) => Some("a bag is played: what was done cannot be changed"),
-                (_, "reset") => Some("a run's clock has no reset: end the run and start another"),
                 _ => None,
             }
         };
@@ -207,7 +206,6 @@ mod tests {
             ("set_feeding", json!({ "enabled": 1 }), ["enabled = 1", "true and false"]),
             ("deliver", json!({ "station": "moon" }), ["station = \"moon\"", "station_1"]),
             ("pause", json!({ "hard": true }), ["\"hard\" is no argument", "pause"]),
-            ("reset", json!({}), ["no reset", "start another"]),
         ] {
             let error = arguments(control, given).unwrap_err();
             assert!(words.iter().all(|word| error.contains(word)), "{error}");

@@ -77,6 +77,7 @@ pub(crate) struct Clients {
     set_parameters: ServiceClient<SetParameters>,
     get_parameters: ServiceClient<GetParameters>,
     step: ServiceClient<Trigger>,
+    reset: ServiceClient<Trigger>,
     pause: ServiceClient<Pause>,
     resume: ServiceClient<Resume>,
     is_paused: ServiceClient<IsPaused>,
@@ -100,6 +101,7 @@ impl Clients {
             set_parameters: of(participant, CLOCK, "set_parameters")?,
             get_parameters: of(participant, CLOCK, "get_parameters")?,
             step: of(participant, CLOCK, "step")?,
+            reset: of(participant, CLOCK, "reset")?,
             pause: of(participant, PLAYER, "pause")?,
             resume: of(participant, PLAYER, "resume")?,
             is_paused: of(participant, PLAYER, "is_paused")?,
@@ -247,6 +249,7 @@ pub(crate) async fn perform(
             clients.set("step_ticks", ParameterValue::Integer(whole(arguments, "ticks").into())).await?;
             trigger(&clients.step).await?;
         }
+        "reset" => trigger(&clients.reset).await?,
         "speed" => clients.set("speed", ParameterValue::Double(number(arguments, "speed"))).await?,
         "full_speed" => clients.set("speed", ParameterValue::Double(0.0)).await?,
         "load_parts" => {

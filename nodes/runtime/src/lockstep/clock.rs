@@ -146,6 +146,12 @@ impl LoopClock {
         }
     }
 
+    /// Whether simulated time stands still.
+    #[must_use]
+    pub fn is_paused(&self) -> bool {
+        self.paused_at.is_some()
+    }
+
     /// Lets a paused run go on for so many ticks; false when it is not paused.
     pub fn step(&mut self, ticks: u64) -> bool {
         let Some(paused_at) = &mut self.paused_at else { return false };

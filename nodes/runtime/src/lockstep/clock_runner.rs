@@ -63,8 +63,14 @@ pub struct ClockRunner {
     tap: Option<Tap>,
     made_at: Instant,
     orders: Receiver<Order>,
+    order: Sender<Order>,
     step_ticks: u64,
-    _step: Server,
+    /// Why the run cannot be started again.
+    reset_refusal: Option<&'static str>,
+    /// The run ends because it is to be started again.
+    is_reset: bool,
+    /// What serves the orders.
+    servers: Vec<Server>,
     _housekeeping: Housekeeping,
 }
 
@@ -74,6 +80,7 @@ enum Order {
     Pause(bool),
     StepTicks(u64),
     Step(Responder<Trigger>),
+    Reset(Responder<Trigger>),
 }
 
 /// The parameter that says how fast simulated time may pass.
@@ -88,16 +95,18 @@ const STEP_TICKS: &str = "step_ticks";
 const STEP_TICKS_MAX: i64 = 1000;
 /// The service that lets a paused run go on for a step.
 const STEP: &str = "step";
+/// The service that ends the run, so that it can be started again.
+const RESET: &str = "reset";
 
 /// The clock's parameters.
-fn parameters(speed: Speed) -> Result<Store, RunError> {
-    let speed = if let Speed::Paced(speed) = speed { speed.min(SPEED_MAX) } else { 0.0 };
+fn parameters(clock: &LoopClock) -> Result<Store, RunError> {
+    let speed = if let Speed::Paced(speed) = clock.speed() { speed.min(SPEED_MAX) } else { 0.0 };
     let mut declarations = own_parameters(true);
     let description = "Simulated seconds per wall second at most; 0: as fast as possible. It changes no result";
     let range = Range::Double { from: 0.0, to: SPEED_MAX, step: 0.0 };
     declarations.push(Declaration::new(SPEED, Value::Double(speed), description).range(range));
     let description = "Whether simulated time stands still. It changes no result";
-    declarations.push(Declaration::new(PAUSED, Value::Bool(false), description));
+    declarations.push(Declaration::new(PAUSED, Value::Bool(clock.is_paused()), description));
     let description = "Ticks for which a call of ~/step lets a paused run go on";
     let range = Range::Integer { from: 1, to: STEP_TICKS_MAX, step: 1 };
     declarations.push(Declaration::new(STEP_TICKS, Value::Integer(1), description).range(range));
@@ -181,6 +190,7 @@ impl ClockRunner {
             // A closed inbox belongs to a run that is over; its caller gets no answer.
             move |_, responder| _ = sender.send(Order::Step(responder))
         });
+        let order = sender.clone();
         let accept = move |changes: &[(String, Value)]| {
             for (name, value) in changes {
                 let order = match (name.as_str(), value) {
@@ -195,7 +205,7 @@ impl ClockRunner {
             Ok(())
         };
         let now: TimeSource = Arc::new(crate::clock::wall_clock);
-        let housekeeping = Housekeeping::open(participant, parameters(clock.speed())?, &now, accept)?;
+        let housekeeping = Housekeeping::open(participant, parameters(&clock)?, &now, accept)?;
         Ok(Self {
             clock,
             tick_ns: contract.timing.tick_ns,
@@ -208,8 +218,11 @@ impl ClockRunner {
             tap: None,
             made_at: Instant::now(),
             orders,
+            order,
             step_ticks: 1,
-            _step: step?,
+            reset_refusal: None,
+            is_reset: false,
+            servers: vec![step?],
             _housekeeping: housekeeping,
         })
     }
@@ -222,6 +235,32 @@ impl ClockRunner {
         let interface = clock_interface();
         self.tap = Some(Tap::open(socket, contract.run_id, &self.time_port.name, &interface)?);
         Ok(())
+    }
+
+    /// Offers a service that ends the run so that it can be started again, or says why it cannot.
+    ///
+    /// # Errors
+    /// [`RunError`] when DDS refuses the service.
+    pub fn offer_reset(&mut self, participant: &Participant, refusal: Option<&'static str>) -> Result<(), RunError> {
+        let order = self.order.clone();
+        let reset = participant.serve_later::<Trigger>(&format!("{}/{RESET}", participant.node()), {
+            move |_, responder| _ = order.send(Order::Reset(responder))
+        });
+        self.reset_refusal = refusal;
+        self.servers.push(reset?);
+        Ok(())
+    }
+
+    /// Whether the run has ended because it is to be started again.
+    #[must_use]
+    pub fn is_reset(&self) -> bool {
+        self.is_reset
+    }
+
+    /// How fast time may pass, and whether it stands still.
+    #[must_use]
+    pub fn pace(&self) -> (Speed, bool) {
+        (self.clock.speed(), self.clock.is_paused())
     }
 
     /// When the first tick was granted.
@@ -310,6 +349,18 @@ impl ClockRunner {
                     let success = self.clock.step(self.step_ticks);
                     let message = if success { "" } else { "the run is not paused: set the parameter paused first" };
                     responder.send(&TriggerResponse { success, message: message.to_owned() });
+                }
+                Order::Reset(responder) => {
+                    let begun = if self.clock.started_at().is_some() { None } else { Some("the run has not begun") };
+                    let refusal = self.reset_refusal.or(begun);
+                    responder.send(&TriggerResponse {
+                        success: refusal.is_none(),
+                        message: refusal.unwrap_or_default().to_owned(),
+                    });
+                    if refusal.is_none() {
+                        self.is_reset = true;
+                        self.clock.end_early();
+                    }
                 }
             }
         }
