@@ -1,17 +1,19 @@
-// Records the page for the documentation: an animated WebP of tray, camera and one period, and stills.
+// Records the page for the documentation: stills of it, or an animated WebP of tray, camera and one period.
 //
-//   node record.mjs PAGE FOLDER [SECONDS]
+//   node record.mjs stills PAGE FOLDER
+//   node record.mjs animation PAGE FOLDER FROM_S SECONDS
 //
-// PAGE is the address that `feeder up --view` prints, of a run that has come to feed. The run is paused and stepped, so that
-// a picture shows every 40 ms of simulated time however slow this machine is. Needs Debian's packages chromium and webp.
+// PAGE is the address that `feeder up --view` or `feeder view` prints: of a run, or of a bag that is played. The animation
+// waits for FROM_S, simulated seconds, slows the run down and stops it for every picture: they stand 40 ms of simulated time
+// apart, however slow this machine is.
+// Needs Debian's packages chromium and webp.
 import { execFileSync } from "node:child_process";
 import { mkdtempSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { chromium } from "playwright-core";
 
-const [url, folder, seconds = "4"] = process.argv.slice(2);
-const FRAME_TICKS = 4;
+const [what, url, folder, fromS, seconds] = process.argv.slice(2);
 const FRAME_MS = 40;
 /** Where the tray vibrates and there is something on the plateau to be seen. */
 const FEEDING = "(({ courier_state: state, candidates }) => state.vibrating && candidates?.parts.length > 4)(feeder.playback.newest.feeders[feeder.tray.feeder])";
@@ -25,7 +27,7 @@ const STILLS = [
 
 const browser = await chromium.launch({
   executablePath: "/usr/bin/chromium",
-  args: ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking"],
+  args: ["--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--disable-background-networking"],
 });
 const work = mkdtempSync(join(tmpdir(), "page-"));
 
@@ -46,57 +48,62 @@ async function open(theme, width, height) {
 /** Until the newest frame is drawn, as finely as can be. */
 const drawn = (page) => until(page, "feeder.tray.drawn?.timeS === feeder.playback.newest.time_s && feeder.tray.stillSince === Infinity");
 
-const toWebp = (png, webp) => execFileSync("cwebp", ["-quiet", "-q", "84", png, "-o", webp]);
-
-for (const { name, theme, width, height, then = "0" } of STILLS) {
-  const page = await open(theme, width, height);
-  // Plots need some time to have something to show.
-  const from = await page.evaluate("feeder.playback.newest.time_s");
-  await until(page, `feeder.playback.newest.time_s > ${from} + 6 && ${FEEDING}`);
+/** Presses the button that stops time and lets it go on. */
+async function pause(page, isWanted) {
   await page.evaluate("document.getElementById('pause').click()");
-  await until(page, "feeder.playback.newest.paused");
-  await drawn(page);
-  await page.evaluate(then);
-  await page.evaluate("new Promise((resolve) => setTimeout(resolve, 300))");
-  const png = join(work, `${name}.png`);
-  await page.screenshot({ path: png });
-  toWebp(png, join(folder, `${name}.webp`));
-  await page.evaluate("document.getElementById('pause').click()");
-  await until(page, "!feeder.playback.newest.paused");
-  await page.close();
+  await until(page, `feeder.playback.newest.paused === ${isWanted} && document.getElementById('pause').dataset.paused === '${isWanted}'`);
 }
 
-const page = await open("dark", 1180, 740);
-await page.evaluate(() => {
-  // Tray, camera and one period alone, side by side.
-  for (const gone of document.querySelectorAll(".bar .group, .bar .choice, #stop, .figures, .at-platen, .at-controls, .at-feed, .at-deliveries, .at-nodes, #tray-options, #tray-views, .words, .bands, #period-surface, .inline")) {
-    gone.style.display = "none";
+async function stills() {
+  for (const { name, theme, width, height, then = "0" } of STILLS) {
+    const page = await open(theme, width, height);
+    // Plots need some time to have something to show.
+    const from = await page.evaluate("feeder.playback.newest.time_s");
+    await until(page, `feeder.playback.newest.time_s > ${from} + 6 && ${FEEDING}`);
+    await pause(page, true);
+    await drawn(page);
+    await page.evaluate(then);
+    await page.evaluate("new Promise((resolve) => setTimeout(resolve, 300))");
+    const png = join(work, `${name}.png`);
+    await page.screenshot({ path: png });
+    execFileSync("cwebp", ["-quiet", "-q", "84", png, "-o", join(folder, `${name}.webp`)]);
+    await pause(page, false);
+    await page.close();
   }
-  document.querySelector("main").style.paddingTop = "10px";
-  document.getElementById("camera-picture").style.maxHeight = "230px";
-  document.querySelectorAll(".pair .plot").forEach((plot) => {
-    plot.style.minHeight = "115px";
+}
+
+async function animation() {
+  const page = await open("dark", 1180, 740);
+  await page.evaluate(() => {
+    // Tray, camera and one period alone, side by side.
+    for (const gone of document.querySelectorAll("#pace, .bar .group, .bar .choice, #stop, .figures, .at-platen, .at-controls, .at-feed, .at-deliveries, .at-nodes, #tray-options, #tray-views, .words, .bands, #period-surface, .inline")) {
+      gone.style.display = "none";
+    }
+    document.querySelector("main").style.paddingTop = "10px";
+    document.getElementById("camera-picture").style.maxHeight = "230px";
+    document.querySelectorAll(".pair .plot").forEach((plot) => {
+      plot.style.minHeight = "115px";
+    });
+    document.querySelector(".at-camera").style.order = "-1";
+    document.querySelector(".at-tray").style.order = "-2";
+    document.querySelector(".at-period").style.gridColumn = "span 5";
   });
-  document.querySelector(".at-camera").style.order = "-1";
-  document.querySelector(".at-tray").style.order = "-2";
-  document.querySelector(".at-period").style.gridColumn = "span 5";
-});
-await until(page, FEEDING);
-await page.evaluate("document.getElementById('pause').click()");
-await until(page, "feeder.playback.newest.paused");
-const frames = [];
-for (let frame = 0; frame < Number(seconds) * (1000 / FRAME_MS); frame += 1) {
-  const before = await page.evaluate("feeder.playback.newest.time_s");
-  // The page's own button steps by one tick.
-  for (let tick = 0; tick < FRAME_TICKS; tick += 1) {
-    await page.evaluate("document.getElementById('step').click()");
+  await until(page, `feeder.playback.newest.time_s >= ${fromS} && feeder.playback.newest.time_s < ${fromS} + 1`);
+  await page.evaluate("[...document.querySelectorAll('#speeds button')].find(({ textContent }) => textContent === '1/20').click()");
+  await until(page, "feeder.playback.newest.speed === 0.05");
+  const beginS = await page.evaluate("feeder.playback.newest.time_s");
+  const frames = [];
+  for (let frame = 0; frame < Number(seconds) * (1000 / FRAME_MS); frame += 1) {
+    await until(page, `feeder.playback.newest.time_s >= ${beginS + (frame * FRAME_MS) / 1000}`);
+    await pause(page, true);
+    await drawn(page);
+    const png = join(work, `frame-${String(frame).padStart(4, "0")}.png`);
+    await page.screenshot({ path: png });
+    frames.push(png);
+    await pause(page, false);
   }
-  await until(page, `feeder.playback.newest.time_s >= ${before} + ${(FRAME_TICKS * 10 - 1) / 1000}`);
-  await drawn(page);
-  const png = join(work, `frame-${String(frame).padStart(4, "0")}.png`);
-  await page.screenshot({ path: png });
-  frames.push(png);
+  execFileSync("img2webp", ["-loop", "0", "-lossy", "-q", "55", "-m", "4", "-d", String(FRAME_MS), ...frames, "-o", join(folder, "page.webp")]);
 }
-await page.evaluate("document.getElementById('pause').click()");
+
+await { stills, animation }[what]();
 await browser.close();
-execFileSync("img2webp", ["-loop", "0", "-lossy", "-q", "55", "-m", "4", "-d", String(FRAME_MS), ...frames, "-o", join(folder, "page.webp")]);

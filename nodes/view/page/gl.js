@@ -49,11 +49,36 @@ export class Mesh {
     gl.bindVertexArray(null);
   }
 
-  /** @param {Float32Array} points those that were drawn before are gone */
-  setPoints(points, usage = this.gl.STATIC_DRAW) {
+  /** Three points for each triangle, to be drawn once or twice. @param {Float32Array} points those before are gone */
+  setPoints(points) {
     this.gl.bindBuffer(this.gl.ARRAY_BUFFER, this.buffer);
-    this.gl.bufferData(this.gl.ARRAY_BUFFER, points, usage);
+    this.gl.bufferData(this.gl.ARRAY_BUFFER, points, this.gl.DYNAMIC_DRAW);
     this.count = points.length / this.floats;
+    return this;
+  }
+
+  /** Three points for each triangle, to be drawn often: points that are the same are worked out once. */
+  setSolid(points) {
+    const { gl, floats } = this;
+    const known = new Map();
+    const [kept, indices] = [[], []];
+    for (let at = 0; at < points.length; at += floats) {
+      const point = points.subarray(at, at + floats);
+      const key = point.join();
+      if (!known.has(key)) {
+        known.set(key, known.size);
+        kept.push(...point);
+      }
+      indices.push(known.get(key));
+    }
+    gl.bindVertexArray(this.array);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(kept), gl.STATIC_DRAW);
+    this.indexBuffer ??= gl.createBuffer();
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.indexBuffer);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, new Uint32Array(indices), gl.STATIC_DRAW);
+    gl.bindVertexArray(null);
+    this.count = indices.length;
     return this;
   }
 
@@ -69,7 +94,9 @@ export class Mesh {
       return;
     }
     this.gl.bindVertexArray(this.array);
-    if (this.instanceBuffer) {
+    if (this.indexBuffer) {
+      this.gl.drawElementsInstanced(this.gl.TRIANGLES, this.count, this.gl.UNSIGNED_INT, 0, this.instances);
+    } else if (this.instanceBuffer) {
       this.gl.drawArraysInstanced(this.gl.TRIANGLES, 0, this.count, this.instances);
     } else {
       this.gl.drawArrays(this.gl.TRIANGLES, 0, this.count);
@@ -80,6 +107,7 @@ export class Mesh {
     this.gl.deleteVertexArray(this.array);
     this.gl.deleteBuffer(this.buffer);
     this.gl.deleteBuffer(this.instanceBuffer ?? null);
+    this.gl.deleteBuffer(this.indexBuffer ?? null);
   }
 }
 

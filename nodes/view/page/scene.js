@@ -32,7 +32,8 @@ export class Scene {
   /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
     this.canvas = canvas;
-    this.gl = canvas.getContext("webgl2", { antialias: !drawsInSoftware(), alpha: false });
+    this.isSoftware = drawsInSoftware();
+    this.gl = canvas.getContext("webgl2", { antialias: !this.isSoftware, alpha: false });
     if (!this.gl) {
       throw new Error("this browser shows no WebGL 2");
     }
@@ -40,7 +41,7 @@ export class Scene {
     canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => this.#build());
     this.tray = null;
-    this.parts = [];
+    this.parts = { fine: [], coarse: [] };
     this.#build();
   }
 
@@ -54,11 +55,11 @@ export class Scene {
     this.floorMesh = new Mesh(gl, [[AT.place, 3]]).setPoints(SQUARE.map((value) => value * FLOOR_M));
     this.markMesh = new Mesh(gl, [[AT.place, 3]], MARK_INSTANCE).setPoints(SQUARE);
     this.trailMesh = new Mesh(gl, [[AT.place, 3], [AT.colour, 4]]);
-    this.toolMesh = new Mesh(gl, BODY_LAYOUT, BODY_INSTANCE).setPoints(toolPoints());
+    this.toolMesh = new Mesh(gl, BODY_LAYOUT, BODY_INSTANCE).setSolid(toolPoints());
     this.trayMesh = new Mesh(gl, BODY_LAYOUT, BODY_INSTANCE);
     this.glassMesh = new Mesh(gl, BODY_LAYOUT, BODY_INSTANCE);
     this.courierMesh = new Mesh(gl, BODY_LAYOUT, BODY_INSTANCE);
-    this.partMeshes = [];
+    this.partMeshes = { fine: [], coarse: [] };
     if (this.tray) {
       this.setTray(this.tray, this.radius);
     }
@@ -69,16 +70,17 @@ export class Scene {
   setTray(tray, radius) {
     this.tray = tray;
     this.radius = radius;
-    this.trayMesh.setPoints(trayPoints(tray));
-    this.glassMesh.setPoints(glassPoints(tray));
-    this.courierMesh.setPoints(courierPoints(radius, tray.floor_height_m));
+    this.trayMesh.setSolid(trayPoints(tray));
+    this.glassMesh.setSolid(glassPoints(tray));
+    this.courierMesh.setSolid(courierPoints(radius, tray.floor_height_m));
   }
 
-  /** @param {Float32Array[]} parts the points of a part, one for each resting pose */
+  /** @param {{fine: Float32Array[], coarse: Float32Array[]}} parts the points of a part, one for each resting pose */
   setParts(parts) {
     this.parts = parts;
-    this.partMeshes.forEach((mesh) => mesh.delete());
-    this.partMeshes = parts.map((points) => new Mesh(this.gl, BODY_LAYOUT, BODY_INSTANCE).setPoints(points));
+    Object.values(this.partMeshes).flat().forEach((mesh) => mesh.delete());
+    const meshes = (each) => each.map((points) => new Mesh(this.gl, BODY_LAYOUT, BODY_INSTANCE).setSolid(points));
+    this.partMeshes = { fine: meshes(parts.fine), coarse: meshes(parts.coarse) };
   }
 
   /**
@@ -113,8 +115,8 @@ export class Scene {
     return at && [0.5 + at[0] / 2, 0.5 - at[1] / 2];
   }
 
-  /** @param {Picture} picture */
-  draw(picture) {
+  /** @param {Picture} picture @param {boolean} isCoarse parts are drawn as their outlines, raised */
+  draw(picture, isCoarse) {
     const { gl } = this;
     if (!this.tray || gl.isContextLost()) {
       return;
@@ -124,7 +126,7 @@ export class Scene {
     gl.enable(gl.DEPTH_TEST);
     gl.disable(gl.BLEND);
     this.#drawPlaten(picture);
-    this.#drawBodies(picture);
+    this.#drawBodies(picture, isCoarse ? this.partMeshes.coarse : this.partMeshes.fine);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     gl.depthMask(false);
@@ -152,7 +154,7 @@ export class Scene {
     this.floorMesh.draw();
   }
 
-  #drawBodies(picture) {
+  #drawBodies(picture, partMeshes) {
     const { gl } = this;
     const { program: made, uniforms } = this.lit;
     gl.useProgram(made);
@@ -170,7 +172,7 @@ export class Scene {
     gl.uniform1f(uniforms.gloss, 0.3);
     this.#drawEach(this.toolMesh, picture.tools.map((tool) => [...tool.place, ...quatAbout(Z, tool.yaw), 0, 0, 0, 0]));
     gl.uniform1f(uniforms.gloss, 0.22);
-    this.partMeshes.forEach((mesh, pose) => {
+    partMeshes.forEach((mesh, pose) => {
       const lying = picture.bodies.filter((body) => body.pose === pose);
       this.#drawEach(mesh, lying.map((body) => [...turned(turn, body.place), ...quatMultiply(turn, body.turn), ...body.tint]));
     });
@@ -202,7 +204,7 @@ export class Scene {
     gl.uniformMatrix4fv(this.trail.uniforms.camera, false, this.camera);
     gl.uniform4f(this.trail.uniforms.turn, ...quatAbout(Z, yaw));
     gl.uniform3f(this.trail.uniforms.offset, 0, 0, 0);
-    this.trailMesh.setPoints(trails, gl.DYNAMIC_DRAW).draw();
+    this.trailMesh.setPoints(trails).draw();
   }
 
   /** Draws a mesh once for each row of values. @param {Mesh} mesh @param {number[][]} rows */

@@ -11,11 +11,14 @@ import { onTheme } from "./theme.js";
 
 /** Time between pictures above which they are drawn coarser, and below which finer, ms. */
 const PACE_MS = { slow: 30, fast: 19 };
-const QUALITY = { least: 0.4, most: 1 };
-/** A tray that is no wider is drawn as finely as the screen allows: coarser, nothing could be made out, px. */
+/** How finely pictures are drawn, as a share of the screen's own pixels; below `parts` the parts are drawn simpler, too. */
+const QUALITY = { least: 0.4, parts: 0.8, most: 1 };
+/** Where there is no graphics card it begins so. */
+const QUALITY_IN_SOFTWARE = 0.6;
+/** A tray that is no wider is drawn as finely as the screen allows, px. */
 const SMALL_PX = 420;
-/** Pictures between two looks at how fast they come. */
-const JUDGED = 20;
+/** Pictures between two looks at how fast they come, or the time in which a few came, ms. */
+const JUDGED = { most: 20, least: 3, withinMs: 1000 };
 /** A picture that stands for so long is drawn once more, as finely as can be, ms. */
 const STILL_MS = 250;
 const STILL_QUALITY = 1.6;
@@ -27,12 +30,12 @@ export class TrayView {
     this.options = { truth: true, trails: true, marks: true };
     this.servo = new SlowMotion();
     this.painter = null;
-    this.quality = QUALITY.most;
     this.times = [];
     this.size = [0, 0];
     this.isVisible = true;
     try {
       this.scene = new Scene(this.canvas);
+      this.quality = this.scene.isSoftware ? QUALITY_IN_SOFTWARE : QUALITY.most;
     } catch (error) {
       this.scene = null;
       setText(byId("tray-missing"), `The tray cannot be drawn in 3D: ${error.message}. Everything else works.`);
@@ -89,7 +92,7 @@ export class TrayView {
     this.servo.clear();
     this.scene?.setTray(described.tray, radius);
     const points = partPoints(hello.part);
-    this.scene?.setParts(hello.part.poses.map(() => points));
+    this.scene?.setParts({ fine: hello.part.poses.map(() => points), coarse: hello.part.poses.map(({ drawn }) => partPoints(drawn)) });
     this.#label();
   }
 
@@ -137,9 +140,10 @@ export class TrayView {
     if (!this.scene || !this.isVisible || this.size[0] < 2) {
       return;
     }
-    this.scene.fit(...this.size, quality);
+    // Coarser, nothing could be made out on a small tray.
+    this.scene.fit(...this.size, Math.max(quality, Math.min(QUALITY.most, SMALL_PX / this.size[0])));
     this.scene.look(this.orbit.eye());
-    this.scene.draw(picture);
+    this.scene.draw(picture, quality < QUALITY.parts);
     for (const { place, element } of this.words) {
       const at = this.scene.onScreen(place, picture.yaw);
       element.style.transform = at ? `translate(${(at[0] * this.size[0]).toFixed(1)}px, ${(at[1] * this.size[1]).toFixed(1)}px) translate(-50%, -50%)` : "scale(0)";
@@ -172,16 +176,17 @@ export class TrayView {
   /** Draws coarser where pictures come too slowly, finer again where they do not. */
   #pace(ms) {
     this.times.push(ms);
-    if (this.times.length < JUDGED) {
+    const { length } = this.times;
+    const sum = this.times.reduce((all, one) => all + one, 0);
+    if (length < JUDGED.least || (length < JUDGED.most && sum < JUDGED.withinMs)) {
       return;
     }
-    const middle = this.times.sort((a, b) => a - b)[JUDGED / 2];
+    const middle = this.times.sort((a, b) => a - b)[Math.floor(length / 2)];
     this.times = [];
     if (middle > PACE_MS.slow) {
-      this.quality = Math.max(QUALITY.least, Math.min(QUALITY.most, SMALL_PX / this.size[0]), this.quality * 0.85);
+      this.quality = Math.max(QUALITY.least, this.quality * (middle > 2 * PACE_MS.slow ? 0.6 : 0.85));
     } else if (middle < PACE_MS.fast) {
       this.quality = Math.min(QUALITY.most, this.quality * 1.08);
     }
   }
 }
-

@@ -15,7 +15,7 @@ use feeder_wire::parts::TruePart;
 use nalgebra::{UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 
-use crate::numbers::{metres, quaternion, radians};
+use crate::numbers::{metres, quaternion, radians, small};
 
 /// Version of the messages between server and page.
 const PROTOCOL: u32 = 1;
@@ -193,16 +193,15 @@ impl Description {
 
     fn part(&self) -> Value {
         let part = &self.part;
-        // Finer than elsewhere: parts are small.
-        let fine = |value: f64| (value * 1e7).round() / 1e7;
         let vertices: Vec<f64> =
-            part.mesh.vertices().iter().flat_map(|vertex| [vertex.x, vertex.y, vertex.z].map(fine)).collect();
+            part.mesh.vertices().iter().flat_map(|vertex| [vertex.x, vertex.y, vertex.z].map(small)).collect();
         let triangles: Vec<u32> = part.mesh.triangles().iter().flatten().copied().collect();
         let poses = part.poses.iter().enumerate().map(|(index, pose)| {
             json!({
                 "name": pose.name,
                 "orientation_xyzw": quaternion(&pose.orientation),
-                "height_m": fine(pose.com_height_m),
+                "height_m": small(pose.com_height_m),
+                "drawn": self.drawn(index),
                 "wanted": part.wanted_poses.contains(&index),
             })
         });
@@ -214,6 +213,14 @@ impl Description {
             "friction_static": part.friction.static_coefficient(),
             "friction_kinetic": part.friction.kinetic_coefficient(),
         })
+    }
+
+    /// The part in few triangles as it lies in a pose, in its own frame.
+    fn drawn(&self, pose: usize) -> Value {
+        let turned_back = self.part.poses[pose].orientation.inverse();
+        let corners = self.part.drawn(pose).into_iter().flatten().map(|corner| turned_back * corner);
+        let vertices: Vec<f64> = corners.flat_map(|corner| [corner.x, corner.y, corner.z].map(small)).collect();
+        json!({ "triangles": (0..vertices.len() / 3).collect::<Vec<_>>(), "vertices_m": vertices })
     }
 
     fn feeder(&self, feeder: &Feeder) -> Value {

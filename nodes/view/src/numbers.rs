@@ -12,6 +12,11 @@ pub(crate) fn metres(value: f64) -> f64 {
     rounded(value, 1e5)
 }
 
+/// A length within a part, to 0.1 µm.
+pub(crate) fn small(value: f64) -> f64 {
+    rounded(value, 1e7)
+}
+
 /// An angle, to 0.1 mrad; a velocity of either kind, likewise.
 pub(crate) fn radians(value: f64) -> f64 {
     rounded(value, 1e4)
