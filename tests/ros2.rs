@@ -83,6 +83,7 @@ fn checks(python: &str) -> Vec<Check> {
     let launch = |format: &str, arguments: &str| {
         format!("ROS_DOMAIN_ID={{other}} ros2 launch {{launch}}/feeder.launch.{format} {arguments} 2>&1")
     };
+    let package = |command: &str| format!(". {{work}}/install/setup.bash && ROS_DOMAIN_ID={{other}} {command}");
     let mut checks = vec![
         check(Look, "node list", "ros2 node list", &NODES),
         check(
@@ -203,6 +204,19 @@ fn checks(python: &str) -> Vec<Check> {
         check(Act, "launch, YAML", &launch("yaml", "duration:=2 speed:=max"), &["simulated time"]),
         check(Act, "launch, Python", &launch("py", "duration:=2 speed:=max"), &["simulated time"]),
         check(Act, "launch, refused", &launch("xml", "scenario:=/nowhere.yaml"), &["cannot read /nowhere.yaml"]),
+        check(
+            Act,
+            "package, built",
+            "cd {work} && colcon build --base-paths {launch}/.. --cmake-args -DFEEDER_COMMAND=$(command -v feeder)",
+            &["1 package finished"],
+        ),
+        check(Act, "package, ros2 run", &package("ros2 run minifactory_feeder feeder check"), &["ok"]),
+        check(
+            Act,
+            "package, launched",
+            &package("ros2 launch minifactory_feeder feeder.launch.xml duration:=2 speed:=max 2>&1"),
+            &["simulated time"],
+        ),
         check(Act, "bag of feeder up", "feeder up --plain --duration 2 --record {work}/ours --domain {other}", &[]),
         check(Look, "bag info of it", "ros2 bag info {work}/ours", &["Topic: /feeder/joint_states"]),
         check(Act, "bag play of it", "ros2 bag play {work}/ours --topics /feeder/waveform", &[]),

@@ -7,7 +7,7 @@ use std::process::Command;
 /// Installs Debian packages where a file of theirs is missing. Root gets them installed; others are told by `hint` what
 /// to install.
 #[track_caller]
-pub(super) fn apt_install(file: &Path, packages: &[&str], hint: &str) {
+pub(crate) fn apt_install(file: &Path, packages: &[&str], hint: &str) {
     // Held until this function returns: one apt-get at a time.
     let lock = File::create(Path::new(env!("CARGO_TARGET_TMPDIR")).join("apt.lock")).unwrap();
     lock.lock().unwrap();

@@ -29,6 +29,7 @@ use tempfile::TempDir;
 
 pub(crate) use browser::Browser;
 pub(crate) use fast::fast_relay;
+pub(crate) use install::apt_install;
 pub(crate) use node::bag_reader;
 pub(crate) use peer::{ENCAPSULATION, Kind, Peer, hex};
 pub(crate) use process::Process;
