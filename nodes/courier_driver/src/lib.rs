@@ -14,8 +14,8 @@ use feeder_control::courier::{self, Commander, DriverEvent, DriverStatus, GoalHa
 use feeder_model::motor::{CarriedParts, Load};
 use feeder_model::seed::seed_for;
 use feeder_runtime::node::{
-    ActionServer, ActionServerPorts, Declare, FeederNode, GoalId, GoalRequest, Lifecycle, LifecyclePorts,
-    LifecycleState, NodeError, Publisher, Server, ServerEvent, StepIo, Subscriber,
+    ActionServer, ActionServerPorts, Declare, FeederNode, GoalId, GoalRequest, NodeError, Publisher, Server,
+    ServerEvent, Start, StepIo, Subscriber,
 };
 use feeder_scenario::plan::{CourierDriverConfig, NodeConfig};
 use feeder_wire::trajectory::{self, TrajectoryEnd};
@@ -36,7 +36,6 @@ const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);
 
 /// Handles of the driver's ports.
 pub struct Ports {
-    lifecycle: LifecyclePorts,
     topics: Topics,
     services: Services,
     trajectory: ActionServerPorts<FollowJointTrajectory>,
@@ -66,9 +65,10 @@ struct Services {
 pub struct CourierDriver {
     topics: Topics,
     services: Services,
-    lifecycle: Lifecycle,
     trajectory: ActionServer<FollowJointTrajectory>,
     driver: courier::Driver<machine::Motor>,
+    /// Whether the driver was last told to be active.
+    active: bool,
     truth: machine::Truth,
     servo_ticks: usize,
     tick: Duration,
@@ -120,6 +120,8 @@ impl Carried {
 
 impl FeederNode for CourierDriver {
     const NAME: &'static str = nodes::COURIER_DRIVER;
+    // On hardware nothing moves before somebody has said so.
+    const START: Option<Start> = Some(Start::Unconfigured);
     type Config = CourierDriverConfig;
     type Ports = Ports;
 
@@ -133,7 +135,6 @@ impl FeederNode for CourierDriver {
 
     fn declare(io: &mut Declare, _: &CourierDriverConfig) -> Ports {
         Ports {
-            lifecycle: io.lifecycle(Self::NAME),
             topics: Topics {
                 waveform: io.subscriber(&topics::WAVEFORM),
                 delivery_state: io.subscriber(&topics::DELIVERY_STATE),
@@ -172,9 +173,9 @@ impl FeederNode for CourierDriver {
         Ok(Self {
             topics: ports.topics,
             services: ports.services,
-            lifecycle: Lifecycle::new(ports.lifecycle),
             trajectory: ActionServer::new(ports.trajectory),
             driver,
+            active: false,
             servo_ticks,
             truth: machine::Truth::new(ports.truth, Self::tick(config), carried.own, carried.parts.part.mass_kg),
             carried,
@@ -191,11 +192,11 @@ impl FeederNode for CourierDriver {
     }
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
-        let Self { lifecycle, driver, .. } = self;
-        lifecycle.poll(io, |state| {
-            driver.set_active(state == LifecycleState::Active);
-            Ok(())
-        });
+        // In every state it tells how the courier stands; it moves it in one.
+        if self.active != io.is_active() {
+            self.active = io.is_active();
+            self.driver.set_active(self.active);
+        }
         self.truth.hear(io, self.driver.motor_mut());
         // First the tick that has just passed, under the commands that were known then.
         let ran = if io.tick() > 0 { self.servo_ticks } else { 0 };
@@ -226,7 +227,7 @@ impl CourierDriver {
             self.trajectory.feedback(io, *id, messages::feedback(stamp, status));
         }
         if self.due(io, DIAGNOSTICS_PERIOD) {
-            let health = messages::health(&self.name, self.lifecycle.state().label(), status);
+            let health = messages::health(&self.name, io.lifecycle().label(), status);
             io.publish(&self.topics.diagnostics, &health.into_message(io.header("")));
         }
     }

@@ -21,6 +21,8 @@ use crate::type_description;
 
 /// Whether a node takes its time from `/clock`.
 pub(crate) const USE_SIM_TIME: &str = "use_sim_time";
+/// Whether a node with a lifecycle becomes active by itself; the name is that of Nav2's lifecycle manager.
+pub(crate) const AUTOSTART: &str = "autostart";
 /// Whether a node describes its types; the name is rclcpp's.
 const DESCRIBE_TYPES: &str = "start_type_description_service";
 /// From which gravity on messages are logged.
@@ -28,16 +30,21 @@ const LOG_LEVEL: &str = "log_level";
 /// Between reports of what was lost, wall time.
 const REPORT_PERIOD: Duration = Duration::from_secs(1);
 
-/// The parameters every node has.
-pub(crate) fn own_parameters(use_sim_time: bool) -> Vec<Declaration> {
+/// The parameters every node has, and [`AUTOSTART`] with this default for one with a lifecycle.
+pub(crate) fn own_parameters(use_sim_time: bool, autostart: Option<bool>) -> Vec<Declaration> {
     let level = logging::level();
     let words = LogLevel::ALL.map(LogLevel::word).join(", ");
-    vec![
+    let autostart = autostart.map(|autostart| {
+        let meaning = "Whether the node becomes active by itself, or when its lifecycle is led there";
+        Declaration::new(AUTOSTART, Value::Bool(autostart), meaning).read_only()
+    });
+    let own = [
         Declaration::new(USE_SIM_TIME, Value::Bool(use_sim_time), "Whether time is that of /clock").read_only(),
         Declaration::new(DESCRIBE_TYPES, Value::Bool(true), "Whether get_type_description is offered").read_only(),
         Declaration::new(LOG_LEVEL, Value::Text(level.word().to_owned()), "Least gravity of what this process logs")
             .constraints(&words),
-    ]
+    ];
+    own.into_iter().chain(autostart).collect()
 }
 
 /// What a node offers beside its ports, until dropped.

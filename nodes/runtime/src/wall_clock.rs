@@ -226,8 +226,7 @@ impl<N: FeederNode> WallRunner<N> {
         }
         let public = PublicSide::open(participant, interface, &sender)?;
         let undecodable = participant.counter("messages", "samples that are not of their type");
-        let mut io = StepIo::new(interface.ports.len(), tick_ns).counted_by(undecodable);
-        io.set_simulated(false);
+        let io = StepIo::new(interface.ports.len(), tick_ns).counted_by(undecodable);
         Ok(Self { node, io, public, clients, sender, inbox, tick: 0, _readers: readers })
     }
 

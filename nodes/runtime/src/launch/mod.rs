@@ -17,10 +17,11 @@ use crate::clock::TimeSource;
 use crate::configuration::{Configuration, declarations_of};
 use crate::dds::{Domain, NodeName, Participant};
 use crate::digest::Digest;
-use crate::housekeeping::{Housekeeping, USE_SIM_TIME, apply_own, own_parameters, reconfiguring};
+use crate::housekeeping::{AUTOSTART, Housekeeping, USE_SIM_TIME, apply_own, own_parameters, reconfiguring};
 use crate::lockstep::{DdsLinks, Hub, Links, LoopContract, RunError, Runner};
 use crate::node::{
-    Arrival, Declare, FeederNode, Interface, NodeError, NotStated, Output, PortKind, StepIo, stamp_of_ns,
+    Arrival, Declare, FeederNode, Interface, Managed, NodeError, NotStated, Output, PortKind, Start, StepIo,
+    stamp_of_ns,
 };
 use crate::parameters::{Declaration, Value};
 use crate::public::PublicSide;
@@ -59,7 +60,7 @@ pub struct Seat {
 /// When a port is not stated for this node.
 pub fn interface<N: FeederNode>(namespace: &str, config: &N::Config) -> Result<Interface, NotStated> {
     let mut declare = Declare::new(N::NAME, namespace);
-    let _ = N::declare(&mut declare, config);
+    let _ = Managed::<N>::declare(&mut declare, config);
     declare.finish()
 }
 
@@ -82,9 +83,9 @@ pub fn run_in_loop<N: FeederNode>(seat: &Seat, config: &N::Config) -> Result<(),
         return Err(RunError::Node(NodeError::new(reason)));
     }
     let mut declare = Declare::new(N::NAME, &seat.namespace);
-    let ports = N::declare(&mut declare, config);
+    let ports = Managed::<N>::declare(&mut declare, config);
     let interface = declare.finish().map_err(|error| RunError::Node(NodeError::new(error)))?;
-    let node = N::open(ports, config).map_err(RunError::Node)?;
+    let node = Managed::<N>::open(ports, config).map_err(RunError::Node)?;
     run_opened(seat, node, N::NAME, config, interface)
 }
 
@@ -111,7 +112,7 @@ pub fn run_opened<N: FeederNode>(
         N::check,
         N::settable(),
         N::not_parameters(),
-        own_parameters(true),
+        own_parameters(true, N::START.map(|_| true)),
         &BTreeMap::new(),
     );
     let configuration = configuration.map_err(RunError::Node)?;
@@ -153,7 +154,7 @@ pub struct Recorded {
 ///
 /// # Errors
 /// When the node fails, when it is not in the `contract`, and when it talks to others by services or by topics of
-/// several publishers: what was recorded does not tell who sent what when.
+/// several publishers: what was recorded does not tell who sent what when. It is active throughout.
 pub fn replay<N: FeederNode>(
     contract: &LoopContract,
     namespace: &str,
@@ -165,10 +166,10 @@ pub fn replay<N: FeederNode>(
 ) -> Result<(), NodeError> {
     let name = full_name(namespace, N::NAME);
     let mut declare = Declare::new(N::NAME, namespace);
-    let ports = N::declare(&mut declare, config);
+    let ports = Managed::<N>::declare(&mut declare, config);
     let interface = declare.finish().map_err(NodeError::new)?;
     let delays = replay::delays(contract, &name, &interface)?;
-    let mut node = N::open(ports, config)?;
+    let mut node = Managed::<N>::open(ports, config)?;
     let mut io = StepIo::new(interface.ports.len(), contract.timing.tick_ns);
     for (port, declared) in interface.ports.iter().enumerate() {
         io.note_wanted(port, declared.kind == PortKind::Publish && wanted(&declared.name));
@@ -216,13 +217,13 @@ pub fn run_remapped<N: FeederNode>(
 ) -> Result<(), RunError> {
     let name = ros.node_name(&NodeName::new(namespace, N::NAME)?)?;
     let given = ros.parameters(&name);
-    let (settable, own) = (N::settable(), own_parameters(false));
+    let (settable, own) = (N::settable(), own_parameters(false, N::START.map(|start| start == Start::Active)));
     let configuration = Configuration::new(config, N::check, settable, N::not_parameters(), own, &given);
     let configuration = configuration.map_err(RunError::Node)?;
     apply_own(&configuration.store).map_err(RunError::Node)?;
     let config = configuration.config.clone();
     let mut declare = Declare::new(N::NAME, name.namespace());
-    let ports = N::declare(&mut declare, &config);
+    let ports = Managed::<N>::declare(&mut declare, &config);
     let mut interface = declare.finish().map_err(|error| RunError::Node(NodeError::new(error)))?;
     for port in &mut interface.ports {
         let kind = match port.kind {
@@ -231,7 +232,8 @@ pub fn run_remapped<N: FeederNode>(
         };
         port.name = ros.resolve(&name, &port.name, kind)?;
     }
-    let node = N::open(ports, &config).map_err(RunError::Node)?;
+    let autostart = configuration.store.get(AUTOSTART) == Some(&Value::Bool(true));
+    let node = Managed::<N>::open(ports, &config).map_err(RunError::Node)?.autostart(autostart);
     let participant = Participant::open(domain, &name)?;
     let time = match configuration.store.get(USE_SIM_TIME) {
         Some(Value::Bool(true)) => {

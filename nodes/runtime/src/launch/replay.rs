@@ -22,6 +22,8 @@ pub(super) fn delays(contract: &LoopContract, node: &str, interface: &Interface)
         let name = &declared.name;
         match declared.kind {
             PortKind::Publish => {}
+            // Nobody in the loop uses what lies below the node's own name: its lifecycle.
+            PortKind::Serve if declared.name.starts_with(&format!("{node}/")) => {}
             PortKind::Serve | PortKind::Call(_) => {
                 return Err(NodeError::new(format!("{node} talks by the service {name}, which is not recorded")));
             }

@@ -101,7 +101,7 @@ const RESET: &str = "reset";
 /// The clock's parameters.
 fn parameters(clock: &LoopClock) -> Result<Store, RunError> {
     let speed = if let Speed::Paced(speed) = clock.speed() { speed.min(SPEED_MAX) } else { 0.0 };
-    let mut declarations = own_parameters(true);
+    let mut declarations = own_parameters(true, None);
     let description = "Simulated seconds per wall second at most; 0: as fast as possible. It changes no result";
     let range = Range::Double { from: 0.0, to: SPEED_MAX, step: 0.0 };
     declarations.push(Declaration::new(SPEED, Value::Double(speed), description).range(range));

@@ -1,5 +1,8 @@
 //! Managed lifecycle: the states of a ROS 2 lifecycle node, its services and its topic, on a node's ports.
 //!
+//! A node says by [`FeederNode::START`](super::FeederNode::START) that it has one, and asks [`StepIo`] in which state it is.
+//! It steps in every state: what it does not do while it is not active is for the node to say.
+//!
 //! ```text
 //! unconfigured ──configure──▶ inactive ──activate──▶ active
 //!              ◀──cleanup────          ◀─deactivate─
@@ -32,7 +35,16 @@ pub enum LifecycleState {
     Finalized = StateMessage::PRIMARY_STATE_FINALIZED,
 }
 
-/// A transition that a client may ask for, with the state on the way and the transition that ends it well or not.
+/// When a node with a lifecycle becomes active. In a run of `feeder up` all do in their first step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Start {
+    /// By itself, in its first step.
+    Active,
+    /// When somebody asks for it: something moves then.
+    Unconfigured,
+}
+
+/// A transition that a client may ask for, with the state on the way and the transition that ends it.
 struct Edge {
     id: u8,
     label: &'static str,
@@ -40,7 +52,6 @@ struct Edge {
     to: LifecycleState,
     passing: (u8, &'static str),
     success: u8,
-    failure: u8,
 }
 
 const EDGES: [Edge; 7] = {
@@ -50,7 +61,6 @@ const EDGES: [Edge; 7] = {
     const ACTIVATING: (u8, &str) = (StateMessage::TRANSITION_STATE_ACTIVATING, "activating");
     const DEACTIVATING: (u8, &str) = (StateMessage::TRANSITION_STATE_DEACTIVATING, "deactivating");
     const SHUTTING_DOWN: (u8, &str) = (StateMessage::TRANSITION_STATE_SHUTTINGDOWN, "shuttingdown");
-    // The numbers of what ends a transition well and badly, in lifecycle_msgs/msg/Transition: ON_CONFIGURE_SUCCESS …
     const fn edge(
         id: u8,
         label: &'static str,
@@ -59,7 +69,7 @@ const EDGES: [Edge; 7] = {
         passing: (u8, &'static str),
         success: u8,
     ) -> Edge {
-        Edge { id, label, from, to, passing, success, failure: success + 1 }
+        Edge { id, label, from, to, passing, success }
     }
     [
         edge(
@@ -159,7 +169,7 @@ impl Edge {
 }
 
 /// The ports of a lifecycle.
-pub struct LifecyclePorts {
+pub(crate) struct LifecyclePorts {
     get_state: Server<GetState>,
     change_state: Server<ChangeState>,
     get_available_states: Server<GetAvailableStates>,
@@ -170,7 +180,7 @@ pub struct LifecyclePorts {
 
 impl Declare {
     /// Declares the lifecycle of the node called `node`: its services lie below its name.
-    pub fn lifecycle(&mut self, node: &str) -> LifecyclePorts {
+    pub(crate) fn lifecycle(&mut self, node: &str) -> LifecyclePorts {
         let namespace = self.namespace().to_owned();
         let name = |what: &str| format!("{namespace}/{node}/{what}");
         LifecyclePorts {
@@ -185,42 +195,40 @@ impl Declare {
 }
 
 /// The lifecycle of a node, unconfigured at first.
-pub struct Lifecycle {
+pub(crate) struct Lifecycle {
     ports: LifecyclePorts,
     state: LifecycleState,
 }
 
 impl Lifecycle {
-    /// An unconfigured lifecycle on `ports`.
-    #[must_use]
-    pub fn new(ports: LifecyclePorts) -> Self {
+    pub(crate) fn new(ports: LifecyclePorts) -> Self {
         Self { ports, state: LifecycleState::Unconfigured }
     }
 
-    /// The present state.
-    #[must_use]
-    pub fn state(&self) -> LifecycleState {
-        self.state
+    /// Takes the node from unconfigured to active.
+    pub(crate) fn start(&mut self, io: &mut StepIo) {
+        for edge in [&EDGES[0], &EDGES[2]] {
+            self.change(io, edge);
+        }
     }
 
-    /// Answers clients, and in a simulated run goes to active by itself. `enter` is called for each state on the way and
-    /// may refuse it; then the node stays where it is. Call it once a step.
-    pub fn poll(&mut self, io: &mut StepIo, mut enter: impl FnMut(LifecycleState) -> Result<(), String>) {
-        if io.tick() == 0 && io.simulated() {
-            for edge in [&EDGES[0], &EDGES[2]] {
-                self.change(io, edge, &mut enter);
-            }
-        }
+    /// Answers clients, and tells the step in which state it is. Call it once a step, before the node's own.
+    pub(crate) fn poll(&mut self, io: &mut StepIo) {
         for (asker, request) in io.requests(&self.ports.change_state) {
-            let Transition { id, label } = &request.transition;
-            let named = |edge: &&Edge| if label.is_empty() { edge.id == *id } else { edge.label == label };
-            let edge = EDGES.iter().filter(|edge| edge.from == self.state).find(named);
-            if edge.is_none() {
-                tracing::warn!("no transition {id} {label:?} from {}", self.state.label());
-            }
-            let success = edge.is_some_and(|edge| self.change(io, edge, &mut enter));
+            let asked = &request.transition;
+            let success = match self.edge(asked) {
+                Ok(edge) => {
+                    self.change(io, edge);
+                    true
+                }
+                Err(reason) => {
+                    tracing::warn!("{reason}");
+                    false
+                }
+            };
             io.reply(&self.ports.change_state, asker, &ChangeStateResponse { success });
         }
+        io.set_lifecycle(self.state);
         for (asker, _) in io.requests(&self.ports.get_state) {
             io.reply(&self.ports.get_state, asker, &GetStateResponse { current_state: self.state.message() });
         }
@@ -245,28 +253,25 @@ impl Lifecycle {
         }
     }
 
-    /// Follows an edge, says so, and tells whether the node arrived.
-    fn change(
-        &mut self,
-        io: &mut StepIo,
-        edge: &Edge,
-        enter: &mut impl FnMut(LifecycleState) -> Result<(), String>,
-    ) -> bool {
+    /// The transition that a client asks for, by its label or else by its number.
+    fn edge(&self, asked: &Transition) -> Result<&'static Edge, String> {
+        let from_here = || EDGES.iter().filter(|edge| edge.from == self.state);
+        let named = |edge: &&Edge| if asked.label.is_empty() { edge.id == asked.id } else { edge.label == asked.label };
+        from_here().find(named).ok_or_else(|| {
+            let name = if asked.label.is_empty() { format!("number {}", asked.id) } else { asked.label.clone() };
+            let allowed: Vec<&str> = from_here().map(|edge| edge.label).collect();
+            let allowed = if allowed.is_empty() { "none".to_owned() } else { allowed.join(", ") };
+            format!("refused the transition {name}: the node is {}, which allows {allowed}", self.state.label())
+        })
+    }
+
+    /// Follows an edge and says so.
+    fn change(&mut self, io: &mut StepIo, edge: &Edge) {
         self.say(io, edge.transition(), edge.from.message(), edge.passing());
-        let entered = enter(edge.to);
-        let (id, label) = match &entered {
-            Ok(()) => (edge.success, "transition_success"),
-            Err(_) => (edge.failure, "transition_failure"),
-        };
-        match &entered {
-            Ok(()) => {
-                self.state = edge.to;
-                tracing::debug!("{}", self.state.label());
-            }
-            Err(reason) => tracing::warn!("cannot {}: {reason}", edge.label),
-        }
-        self.say(io, Transition { id, label: label.to_owned() }, edge.passing(), self.state.message());
-        entered.is_ok()
+        self.state = edge.to;
+        tracing::debug!("{}", self.state.label());
+        let arrived = Transition { id: edge.success, label: "transition_success".to_owned() };
+        self.say(io, arrived, edge.passing(), self.state.message());
     }
 
     fn say(&self, io: &mut StepIo, transition: Transition, start_state: StateMessage, goal_state: StateMessage) {
@@ -285,64 +290,84 @@ mod tests {
     struct Bench {
         io: StepIo,
         lifecycle: Lifecycle,
-        tick: u64,
-        ports: usize,
     }
 
     impl Bench {
-        fn new(simulated: bool) -> Self {
+        fn new() -> Self {
             let mut declare = Declare::new("node", "/feeder");
             let lifecycle = Lifecycle::new(declare.lifecycle("node"));
-            let ports = declare.finish().unwrap().ports.len();
-            let mut io = StepIo::new(ports, 1);
-            io.set_simulated(simulated);
-            Self { io, lifecycle, tick: 0, ports }
+            let ports = declare.finish().unwrap().ports;
+            Self { io: StepIo::new(ports.len(), 1), lifecycle }
         }
 
-        /// Steps with a request for a transition; gives its success and the states passed.
-        fn step(&mut self, id: u8, label: &str, refuse: bool) -> (bool, Vec<String>) {
-            assert_eq!(self.ports, 6);
-            self.io.begin(self.tick, self.tick);
-            self.tick += 1;
+        /// Steps with a request for a transition; gives its success.
+        fn ask(&mut self, id: u8, label: &str) -> bool {
             let request = ChangeStateRequest { transition: Transition { id, label: label.to_owned() } };
             let payload = crate::cdr::encode(&request).unwrap();
             let asker = Asker(AskerInner::Loop { edge: 0, call: 0 });
-            self.io.arrive(1, Arrival::Request { payload, little_endian: true, asker });
-            self.lifecycle.poll(&mut self.io, |_| if refuse { Err("no".to_owned()) } else { Ok(()) });
-            let (mut success, mut passed) = (false, Vec::new());
-            for output in std::mem::take(&mut self.io.outputs) {
-                match output {
-                    Output::Reply { payload, .. } => {
-                        success = crate::cdr::decode::<ChangeStateResponse>(&payload, true).unwrap().success;
-                    }
-                    Output::Message { payload, .. } => {
-                        passed.push(crate::cdr::decode::<TransitionEvent>(&payload, true).unwrap().goal_state.label);
-                    }
-                    Output::Request { .. } => {}
-                }
-            }
-            (success, passed)
+            self.io.arrive(
+                self.lifecycle.ports.change_state.port,
+                Arrival::Request { payload, little_endian: true, asker },
+            );
+            self.lifecycle.poll(&mut self.io);
+            let Some(Output::Reply { payload, .. }) = self.io.outputs.pop() else { panic!("no reply") };
+            crate::cdr::decode::<ChangeStateResponse>(&payload, true).unwrap().success
+        }
+
+        /// The states that were told since the last look.
+        fn told(&mut self) -> Vec<String> {
+            let state = |output| {
+                let Output::Message { payload, .. } = output else { panic!("{output:?}") };
+                crate::cdr::decode::<TransitionEvent>(&payload, true).unwrap().goal_state.label
+            };
+            std::mem::take(&mut self.io.outputs).into_iter().map(state).collect()
         }
     }
 
     #[test]
     fn a_client_takes_the_node_through_its_states_by_number_or_label() {
-        let mut bench = Bench::new(false);
-        assert_eq!(bench.step(Transition::TRANSITION_ACTIVATE, "", false), (false, vec![]));
-        assert_eq!(bench.step(Transition::TRANSITION_CONFIGURE, "", false).1, ["configuring", "inactive"]);
-        assert_eq!(bench.step(0, "activate", false), (true, vec!["activating".into(), "active".into()]));
-        assert_eq!(bench.step(Transition::TRANSITION_DEACTIVATE, "", true).1, ["deactivating", "active"]);
-        assert_eq!(bench.lifecycle.state(), LifecycleState::Active);
-        assert!(bench.step(0, "shutdown", false).0);
-        assert_eq!(bench.lifecycle.state(), LifecycleState::Finalized);
-        assert!(!bench.step(0, "configure", false).0);
+        let mut bench = Bench::new();
+        assert!(bench.ask(Transition::TRANSITION_CONFIGURE, ""));
+        assert_eq!(bench.told(), ["configuring", "inactive"]);
+        assert!(!bench.io.is_active());
+        assert!(bench.ask(0, "activate"));
+        assert_eq!(bench.told(), ["activating", "active"]);
+        assert!(bench.io.is_active());
+        assert!(bench.ask(Transition::TRANSITION_DEACTIVATE, ""));
+        assert!(bench.ask(0, "cleanup"));
+        assert_eq!(bench.told(), ["deactivating", "inactive", "cleaningup", "unconfigured"]);
+        assert!(bench.ask(0, "shutdown"));
+        assert_eq!(bench.io.lifecycle(), LifecycleState::Finalized);
     }
 
     #[test]
-    fn in_a_simulated_run_the_node_becomes_active_by_itself() {
-        let mut bench = Bench::new(true);
-        let (deactivated, passed) = bench.step(0, "deactivate", false);
-        assert!(deactivated);
-        assert_eq!(passed, ["configuring", "inactive", "activating", "active", "deactivating", "inactive"]);
+    fn a_node_that_starts_passes_the_states_on_the_way() {
+        let mut bench = Bench::new();
+        bench.lifecycle.start(&mut bench.io);
+        assert_eq!(bench.told(), ["configuring", "inactive", "activating", "active"]);
+    }
+
+    #[test]
+    fn a_transition_that_the_state_does_not_allow_is_refused_with_the_reason_and_changes_nothing() {
+        let mut bench = Bench::new();
+        for (id, label, said) in [
+            (
+                0,
+                "activate",
+                "refused the transition activate: the node is unconfigured, which allows configure, shutdown",
+            ),
+            (Transition::TRANSITION_CLEANUP, "", "refused the transition number 2: the node is unconfigured"),
+            (0, "fly", "refused the transition fly"),
+            (99, "", "refused the transition number 99"),
+            // Shutting down has a number for each state.
+            (Transition::TRANSITION_ACTIVE_SHUTDOWN, "", "refused the transition number 7"),
+        ] {
+            let refused = bench.lifecycle.edge(&Transition { id, label: label.to_owned() }).map(|edge| edge.label);
+            assert!(refused.as_ref().is_err_and(|reason| reason.contains(said)), "{refused:?}");
+            assert!(!bench.ask(id, label) && bench.told().is_empty());
+        }
+        assert!(bench.ask(0, "shutdown"));
+        bench.told();
+        assert!(!bench.ask(0, "configure") && bench.told().is_empty());
     }
 }

@@ -6,6 +6,7 @@ use serde::de::DeserializeOwned;
 
 mod action;
 mod lifecycle;
+mod managed;
 mod ports;
 mod step;
 
@@ -16,7 +17,8 @@ pub use crate::health::{Health, HealthLevel};
 pub use action::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, ClientEvent, GoalEnd, GoalRequest, ServerEvent,
 };
-pub use lifecycle::{Lifecycle, LifecyclePorts, LifecycleState};
+pub use lifecycle::{LifecycleState, Start};
+pub(crate) use managed::Managed;
 pub use minifactory_msgs::{ns_of_stamp, stamp_of_ns};
 pub use ports::{Client, Declare, Interface, Latency, NotStated, Port, PortKind, Publisher, Server, Subscriber};
 pub(crate) use step::{Arrival, AskerInner, Output, split_call, with_call};
@@ -41,6 +43,9 @@ impl NodeError {
 pub trait FeederNode: Sized + Send + 'static {
     /// Name of the node, of its crate and of its executable.
     const NAME: &'static str;
+    /// Whether it has a lifecycle, and when it becomes active. A node that is not active steps all the same, and asks
+    /// [`StepIo::is_active`].
+    const START: Option<Start> = None;
     /// What it is configured by: its parameters, which its schema describes.
     type Config: Serialize + DeserializeOwned + JsonSchema + Clone + Send + 'static;
     /// Handles of its ports.

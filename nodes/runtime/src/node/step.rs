@@ -11,6 +11,7 @@ use minifactory_msgs::stamp_of_ns;
 use minifactory_msgs::std_msgs::msg::Header;
 use minifactory_msgs::{Message, Service};
 
+use super::lifecycle::LifecycleState;
 use super::ports::{Client, Publisher, Server, Subscriber};
 use crate::cdr;
 use crate::dds::{Counter, ReplyHandle};
@@ -97,7 +98,9 @@ pub struct StepIo {
     pub(crate) outputs: Vec<Output>,
     wanted: Vec<bool>,
     next_call: u64,
-    simulated: bool,
+    lifecycle: LifecycleState,
+    /// Whether this is the first step since the node became active.
+    activated: bool,
     pub(crate) goal_reached: bool,
     undecodable: Option<Arc<Counter>>,
 }
@@ -112,7 +115,8 @@ impl StepIo {
             outputs: Vec::new(),
             wanted: vec![true; ports],
             next_call: 0,
-            simulated: true,
+            lifecycle: LifecycleState::Active,
+            activated: true,
             goal_reached: false,
             undecodable: None,
         }
@@ -134,6 +138,7 @@ impl StepIo {
 
     /// Drops what no step took: a node that does not look at a port does not save up for later.
     pub(crate) fn end(&mut self) {
+        self.activated = false;
         for queue in &mut self.arrivals {
             queue.clear();
         }
@@ -150,14 +155,36 @@ impl StepIo {
         self.wanted[publisher.port]
     }
 
-    pub(crate) fn set_simulated(&mut self, simulated: bool) {
-        self.simulated = simulated;
+    pub(crate) fn set_lifecycle(&mut self, state: LifecycleState) {
+        let active = state == LifecycleState::Active;
+        self.activated = active && (self.activated || !self.is_active());
+        self.lifecycle = state;
     }
 
-    /// Whether time is simulated; else the node keeps to the wall clock, as on hardware.
+    /// In which state of its lifecycle the node is; one that has none is always active.
     #[must_use]
-    pub fn simulated(&self) -> bool {
-        self.simulated
+    pub fn lifecycle(&self) -> LifecycleState {
+        self.lifecycle
+    }
+
+    /// Whether the node is to do what it is there for.
+    #[must_use]
+    pub fn is_active(&self) -> bool {
+        self.lifecycle == LifecycleState::Active
+    }
+
+    /// Whether this is the first step in which it is, since its start or since it was not.
+    #[must_use]
+    pub fn is_activated(&self) -> bool {
+        self.activated
+    }
+
+    /// Whether a request may be taken by a node that is called `node`.
+    ///
+    /// # Errors
+    /// That it is not active, for the reply.
+    pub fn check_active(&self, node: &str) -> Result<(), String> {
+        if self.is_active() { Ok(()) } else { Err(format!("{node} is {}, not active", self.lifecycle.label())) }
     }
 
     /// The tick being stepped, counted from the start of the run; against the wall clock, from the start of the node.
