@@ -222,7 +222,7 @@ impl CourierDriver {
         io.publish(&self.topics.odometry, &self.names.odometry(stamp, status));
         io.publish(&self.topics.joint_states, &messages::joint_states(stamp, status));
         io.publish(&self.topics.tf, &self.names.transforms(stamp, status));
-        io.publish(&self.topics.state, &messages::courier_state(stamp, status, self.heard_sequence));
+        io.publish(&self.topics.state, &messages::courier_state(stamp, status, self.active, self.heard_sequence));
         if let Some((_, id)) = self.goals.last().filter(|_| self.due(io, FEEDBACK_PERIOD)) {
             self.trajectory.feedback(io, *id, messages::feedback(stamp, status));
         }

@@ -91,10 +91,11 @@ pub(crate) fn joint_states(stamp: Time, status: &DriverStatus) -> JointState {
     joints::to_message(Header { stamp, frame_id: String::new() }, &joints)
 }
 
-/// What the courier does, and the number of the waveform heard last.
-pub(crate) fn courier_state(stamp: Time, status: &DriverStatus, waveform_sequence: u32) -> CourierState {
+/// What the courier does, whether its driver is active, and the number of the waveform heard last.
+pub(crate) fn courier_state(stamp: Time, status: &DriverStatus, active: bool, waveform_sequence: u32) -> CourierState {
     let error = status.tracking_error_peak;
     let activity = CourierActivity {
+        active,
         vibrating: status.vibration != VibrationPhase::Off,
         moving: status.moving,
         position_error_m: error.xy().norm(),

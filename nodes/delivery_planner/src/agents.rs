@@ -280,6 +280,9 @@ impl DeliveryPlanner {
         if let Some(fault) = self.sequencer.fault() {
             return (Condition::Fault, fault.to_owned());
         }
+        if let Some(reason) = self.sequencer.suspended() {
+            return (Condition::Stopped, reason.to_owned());
+        }
         if let Some(doubts) = self.unrecognised.as_ref().filter(|_| self.sequencer.is_starved()) {
             return (Condition::Unrecognised, format!("no fitting part comes: {doubts}"));
         }

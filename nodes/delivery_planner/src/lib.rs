@@ -76,6 +76,8 @@ pub struct DeliveryPlanner {
     trajectory: ActionClient<FollowJointTrajectory>,
     deliver: ActionServer<DeliverPart>,
     sequencer: DeliverySequencer,
+    /// Whether the courier driver said last that it is active.
+    courier_active: bool,
     parts: CarriedParts,
     feeder: String,
     part_class: String,
@@ -157,6 +159,7 @@ impl FeederNode for DeliveryPlanner {
             trajectory: ActionClient::new(ports.trajectory),
             deliver: ActionServer::new(ports.deliver),
             sequencer,
+            courier_active: true,
             parts: config.parts,
             feeder: config.feeder.clone(),
             part_class: config.part_class.clone(),
@@ -182,11 +185,14 @@ impl FeederNode for DeliveryPlanner {
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         let now = Duration::from_nanos(io.now_ns());
         self.hear(io);
+        // A planner or a courier driver that is not active is no fault: it goes on by itself when they are.
+        let own = io.check_active(Self::NAME).err();
+        self.sequencer.suspend(own.as_deref().or((!self.courier_active).then_some(courier_state::NOT_ACTIVE)));
         self.take_requests(io, now);
         for output in self.sequencer.step(now) {
             self.act(io, now, output);
         }
-        if io.now_ns().saturating_sub(self.said_ns) >= REPEAT_PERIOD_NS {
+        if io.is_active() && io.now_ns().saturating_sub(self.said_ns) >= REPEAT_PERIOD_NS {
             self.publish_delivery_state(io);
         }
         self.tell_state(io);
@@ -200,6 +206,7 @@ impl DeliveryPlanner {
         let mut states = io.take(&self.ports.courier_state);
         if let Some(newest) = states.last() {
             let activity = courier_state::from_message(newest.clone());
+            self.courier_active = activity.active;
             self.sequencer.courier_fault(activity.fault.as_deref());
             self.sequencer.courier_warning(Duration::from_nanos(io.now_ns()), activity.warning);
         }

@@ -20,7 +20,7 @@ pub(crate) fn outcome(failure: &Failure) -> Outcome {
         Failure::PartLost(_) | Failure::DidNotArrive => Outcome::PartLost,
         Failure::NoHandOver => Outcome::NoHandOver,
         Failure::NotTaken => Outcome::NotTaken,
-        Failure::Fault(_) => Outcome::Fault,
+        Failure::Fault(_) | Failure::Suspended(_) => Outcome::Fault,
     }
 }
 

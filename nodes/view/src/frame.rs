@@ -6,6 +6,7 @@ use feeder_model::delivery::Phase;
 use feeder_model::part::Refusals;
 use feeder_model::tray::Place;
 use feeder_wire::area::{LeasedArea, PlatenLeases, from_leases};
+use feeder_wire::courier_state::{CourierActivity, NOT_ACTIVE};
 use feeder_wire::delivery_state::PlannerStand;
 use feeder_wire::parts::{TruePart, TrueParts};
 use feeder_wire::{courier_state, delivery_state, joints, odometry, part_candidates, parts};
@@ -42,6 +43,11 @@ pub(crate) fn phase_name(phase: Phase) -> &'static str {
         Phase::Purging => "purging",
         Phase::Fault => "fault",
     }
+}
+
+/// What people should know of a courier although nothing is broken.
+pub(crate) fn remark(activity: &CourierActivity) -> Option<String> {
+    activity.warning.clone().or_else(|| (!activity.active).then(|| NOT_ACTIVE.to_owned()))
 }
 
 /// What speaks against picking a part, as the page names it.
@@ -164,7 +170,7 @@ fn feeder_fields(
             "vibrating": state.vibrating, "moving": state.moving,
             "position_error_m": finite(fine(state.position_error_m)),
             "yaw_error_rad": finite(fine(state.yaw_error_rad)),
-            "fault": state.fault, "warning": state.warning,
+            "fault": state.fault, "warning": remark(&state),
         })
     });
     let here = motion.map(|motion| motion.position.xy());

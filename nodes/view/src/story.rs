@@ -1,12 +1,13 @@
 //! What the graph tells, as events.
 
 use feeder_model::delivery::Phase;
+use feeder_wire::courier_state;
 use feeder_wire::delivery_state::PlannerStand;
 use minifactory_msgs::rcl_interfaces::msg::Log;
 
 use crate::description::Description;
 use crate::events::{Event, Events, Level};
-use crate::frame::{FeederMemory, phase_name, stands, time_s};
+use crate::frame::{FeederMemory, phase_name, remark, stands, time_s};
 use crate::heard::{FeederHeard, Heard};
 
 /// Outcomes of deliveries by number, as people read them.
@@ -111,8 +112,9 @@ fn fault(before: Option<&String>, now: Option<&String>, at_s: f64) -> Option<Eve
 fn courier(heard: &FeederHeard, feeder: &str, known: &mut Known, events: &Events) {
     if let Some(message) = heard.courier_state.latest() {
         let at_s = time_s(&message.header.stamp);
-        let stated = |text: String| Some(text).filter(|text| !text.is_empty());
-        let (now, warning) = (stated(message.fault), stated(message.warning));
+        let activity = courier_state::from_message(message);
+        let warning = remark(&activity);
+        let now = activity.fault;
         fault(known.fault.as_ref(), now.as_ref(), at_s).into_iter().for_each(|event| events.add(event.of(feeder)));
         if warning != known.warning {
             let text = warning.clone().unwrap_or_else(|| "the courier's warning has ended".to_owned());

@@ -5,7 +5,7 @@ use minifactory_msgs::msg::FeederState;
 /// How a feeder is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Condition {
-    /// It does not work: nothing was heard of its courier yet.
+    /// It does not work: nothing was heard of its courier yet, or who is needed for it is not active.
     Stopped,
     /// It is ready; nothing is asked for.
     Idle,

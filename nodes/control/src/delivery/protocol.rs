@@ -58,6 +58,9 @@ pub enum Refusal {
     /// The planner is in fault.
     #[error("the planner is in fault: {0}")]
     Fault(String),
+    /// Nothing is delivered for now.
+    #[error("nothing is delivered for now: {0}")]
+    Suspended(String),
 }
 
 /// What the courier driver reports.
@@ -126,6 +129,9 @@ pub enum Failure {
     /// The planner is in fault.
     #[error("the planner is in fault: {0}")]
     Fault(String),
+    /// Nothing is delivered for now.
+    #[error("nothing is delivered for now: {0}")]
+    Suspended(String),
 }
 
 /// What an operator should know of.
@@ -157,6 +163,11 @@ pub enum Warning {
         /// Parts that come over those to be expected.
         share: f64,
     },
+    /// The courier stands still while it should feed.
+    #[error(
+        "the tray does not vibrate although feeding is on: is the waveform generator active, was the courier halted?"
+    )]
+    StandsStill,
     /// The courier could not return to the feeding place.
     #[error("the return to the feeding place failed: {0}")]
     ReturnFailed(String),

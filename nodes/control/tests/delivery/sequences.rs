@@ -337,6 +337,51 @@ fn a_fault_of_the_courier_ends_every_delivery_at_once_and_is_over_when_the_couri
 }
 
 #[test]
+fn a_suspended_planner_ends_what_is_under_way_takes_nothing_and_goes_on_by_itself() {
+    for phase in [Phase::Feeding, Phase::Moving] {
+        let mut world = World::new(Faults::default(), config());
+        world.barren = phase == Phase::Feeding;
+        let id = world.request("right", None);
+        while world.sequencer.phase() != phase {
+            world.tick();
+        }
+        world.sequencer.suspend(Some("nobody is at work"));
+        world.tick();
+        assert_eq!(world.finished(), [(id, Err(Failure::Suspended("nobody is at work".into())))]);
+        let refused = world.sequencer.request(world.now, asking("left", 1e-3));
+        assert_eq!(refused, Err(Refusal::Suspended("nobody is at work".into())));
+        assert!(world.sequencer.purge(world.now, Duration::from_secs(1)).is_err());
+        world.run(3);
+        assert!(world.driver.step(0).status.at_rest() && world.sequencer.fault().is_none());
+        assert_eq!(world.sequencer.suspended(), Some("nobody is at work"));
+        world.sequencer.suspend(None);
+        world.barren = false;
+        let id = world.request("left", None);
+        world.run(30);
+        assert!(
+            world.finished().iter().any(|(ended, result)| *ended == id && result.is_ok()),
+            "{:?}",
+            world.finished()
+        );
+    }
+}
+
+#[test]
+fn a_tray_that_stands_still_while_it_should_feed_is_told_of_once() {
+    let mut world = World::new(Faults::default(), config());
+    world.barren = true;
+    world.request("right", None);
+    world.run(5);
+    assert_eq!((world.sequencer.phase(), world.sequencer.feed_trouble()), (Phase::Feeding, None));
+    world.driver.halt();
+    world.run(5);
+    let trouble = world.sequencer.feed_trouble();
+    assert!(trouble.as_ref().is_some_and(|said| said.contains("does not vibrate")), "{trouble:?}");
+    let told = world.log.iter().filter(|(_, output)| *output == Output::Warning(Warning::StandsStill)).count();
+    assert_eq!(told, 1);
+}
+
+#[test]
 fn a_purge_feeds_until_the_plateau_is_empty_or_gives_up() {
     let purged = |world: &World| {
         world.log.iter().find_map(|(_, output)| match output {

@@ -36,6 +36,11 @@ impl DeliverySequencer {
         if late(now, seen, self.config.look_timeout_s) {
             return self.fail(now, Failure::NoImage);
         }
+        let still = self.stands_still();
+        if still && !self.still_told {
+            self.outputs.push(Output::Warning(Warning::StandsStill));
+        }
+        self.still_told = still;
         if !starved && self.starves(now, since) {
             // Where the cause is known it has been told, and it is not that parts are needed.
             if self.feed_trouble().is_none() {
@@ -61,6 +66,15 @@ impl DeliverySequencer {
         let starvation_s = self.config.starvation_s;
         late(now, since, starvation_s)
             && (!self.arrival_watch.is_too_soon() || late(now, since, Self::SLOW * starvation_s))
+    }
+
+    /// Whether the courier has been at rest for a while although it should feed.
+    pub(super) fn stands_still(&self) -> bool {
+        let (SequencerState::Feeding { since, .. } | SequencerState::Purging { since, .. }) = self.state else {
+            return false;
+        };
+        let (Some(rest_since), Some(report)) = (self.rest_since, self.courier) else { return false };
+        late(report.stamp, rest_since.max(since), Self::STILL_S)
     }
 
     /// Compares how the parts of a frame move with how they should, and how many come, and tells when that changes.

@@ -14,11 +14,10 @@ impl DeliverySequencer {
     /// Takes a request that came at `now`.
     ///
     /// # Errors
-    /// A station that is unknown or out of reach, a tolerance that cannot be promised, or a planner in fault.
+    /// A station that is unknown or out of reach, a tolerance that cannot be promised, or a planner that is in fault or
+    /// suspended.
     pub fn request(&mut self, now: Stamp, request: DeliveryRequest) -> Result<DeliveryId, Refusal> {
-        if let SequencerState::Fault { reason, .. } = &self.state {
-            return Err(Refusal::Fault(reason.clone()));
-        }
+        self.check_working()?;
         let Some(&station_m) = self.config.stations_m.get(&request.station) else {
             let known = self.config.stations_m.keys().cloned().collect();
             return Err(Refusal::UnknownStation { station: request.station, known });
@@ -80,7 +79,7 @@ impl DeliverySequencer {
     /// Feeds until the plateau is empty, at most for `timeout`; [`Output::Purged`] tells the end.
     ///
     /// # Errors
-    /// Deliveries are open, the courier is not at rest at the feeding place, or the planner is in fault.
+    /// Deliveries are open, the courier is not at rest at the feeding place, or the planner is in fault or suspended.
     pub fn purge(&mut self, now: Stamp, timeout: Duration) -> Result<(), Refusal> {
         self.check_free()?;
         let there = self.courier.is_some_and(|report| self.at_feeding_place(&report));
@@ -95,12 +94,18 @@ impl DeliverySequencer {
     /// Whether nothing is under way, so that what is fed may change.
     ///
     /// # Errors
-    /// Deliveries are open, or the planner is in fault.
+    /// Deliveries are open, or the planner is in fault or suspended.
     pub fn check_free(&self) -> Result<(), Refusal> {
-        match (&self.state, self.queue.len()) {
-            (SequencerState::Fault { reason, .. }, _) => Err(Refusal::Fault(reason.clone())),
-            (_, 0) => Ok(()),
-            (_, open) => Err(Refusal::Busy(open)),
+        self.check_working()?;
+        if self.queue.is_empty() { Ok(()) } else { Err(Refusal::Busy(self.queue.len())) }
+    }
+
+    /// Whether anything can be delivered.
+    fn check_working(&self) -> Result<(), Refusal> {
+        match &self.state {
+            SequencerState::Fault { reason, .. } => Err(Refusal::Fault(reason.clone())),
+            SequencerState::Suspended { reason } => Err(Refusal::Suspended(reason.clone())),
+            _ => Ok(()),
         }
     }
 
@@ -116,6 +121,7 @@ impl DeliverySequencer {
         if self.courier.is_none_or(|last| report.stamp > last.stamp) {
             let at_rest = !report.moving && !report.vibrating;
             self.vibrating_since = report.vibrating.then(|| self.vibrating_since.unwrap_or(report.stamp));
+            self.not_fed.take_if(|_| report.vibrating);
             self.rest_since = at_rest.then(|| self.rest_since.unwrap_or(report.stamp));
             self.courier = Some(report);
         }
@@ -128,6 +134,7 @@ impl DeliverySequencer {
             (Some(_), SequencerState::Fault { .. }) => {}
             (Some(fault), _) => {
                 self.feed(false);
+                self.end_purge_for(fault);
                 let reason = format!("the courier is in fault: {fault}");
                 self.enter(SequencerState::Fault { reason, of_courier: true }, None);
             }
@@ -135,6 +142,40 @@ impl DeliverySequencer {
                 self.enter(SequencerState::Idle, None);
             }
             (None, _) => {}
+        }
+    }
+
+    /// Takes why nothing can be delivered although nothing is wrong, such as a courier driver that is not active, or that
+    /// there is no such reason: what is under way ends at once, nothing new is taken, and it goes on by itself afterwards.
+    pub fn suspend(&mut self, reason: Option<&str>) {
+        match (reason, &self.state) {
+            (Some(_), SequencerState::Fault { .. }) => {}
+            (Some(reason), SequencerState::Suspended { .. }) => {
+                self.state = SequencerState::Suspended { reason: reason.to_owned() };
+            }
+            (Some(reason), state) => {
+                if let SequencerState::Moving { id, ended: false, .. }
+                | SequencerState::Returning { id, ended: false, .. } = state
+                {
+                    self.outputs.push(Output::CancelMove(*id));
+                }
+                if self.feed_on == Some(true) {
+                    self.feed(false);
+                }
+                self.end_purge_for(reason);
+                self.enter(SequencerState::Suspended { reason: reason.to_owned() }, None);
+            }
+            (None, SequencerState::Suspended { .. }) => {
+                self.enter(SequencerState::Idle, None);
+            }
+            (None, _) => {}
+        }
+    }
+
+    /// Ends a purge under way, before it has emptied the plateau.
+    fn end_purge_for(&mut self, reason: &str) {
+        if matches!(self.state, SequencerState::Purging { .. }) {
+            self.outputs.push(Output::Purged(Err(reason.to_owned())));
         }
     }
 
@@ -155,6 +196,7 @@ impl DeliverySequencer {
 
     /// Takes the generator's refusal to switch feeding.
     pub fn feed_refused(&mut self, reason: String) {
+        self.not_fed = Some(reason.clone());
         self.feed_refusal = Some(reason);
     }
 

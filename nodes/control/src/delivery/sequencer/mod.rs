@@ -100,6 +100,10 @@ enum SequencerState {
         reason: String,
         of_courier: bool,
     },
+    /// Somebody who is needed is not at work; nothing is wrong.
+    Suspended {
+        reason: String,
+    },
 }
 
 impl SequencerState {
@@ -143,6 +147,10 @@ pub struct DeliverySequencer {
     /// What the generator was last told; nothing at first, when it may be doing anything.
     feed_on: Option<bool>,
     feed_refusal: Option<String>,
+    /// Why feeding could not be switched last, until the courier vibrates.
+    not_fed: Option<String>,
+    /// Whether it was told that the courier stands still.
+    still_told: bool,
     frame: Option<CandidateFrame>,
     /// Stamp of the last frame that feeding has looked at.
     fed_frame: Option<Stamp>,
@@ -163,6 +171,8 @@ impl DeliverySequencer {
     const STEADY_S: f64 = 1.0;
     /// One that began less than this ago may still be measured or fade in, s.
     const BEGUN_S: f64 = 0.5;
+    /// A courier that has been at rest for longer than this although it should feed stands still, s.
+    const STILL_S: f64 = 2.0;
     /// Distance from the feeding place within which the courier counts as there, m.
     const ARRIVED_M: f64 = 1e-4;
     /// Room that areas leave for tracking errors, m.
@@ -200,6 +210,8 @@ impl DeliverySequencer {
             stopped: None,
             feed_on: None,
             feed_refusal: None,
+            not_fed: None,
+            still_told: false,
             frame: None,
             fed_frame: None,
             courier: None,
@@ -216,7 +228,7 @@ impl DeliverySequencer {
     #[must_use]
     pub fn phase(&self) -> Phase {
         match self.state {
-            SequencerState::Idle => Phase::Idle,
+            SequencerState::Idle | SequencerState::Suspended { .. } => Phase::Idle,
             SequencerState::Feeding { .. } => Phase::Feeding,
             SequencerState::Purging { .. } => Phase::Purging,
             SequencerState::Stopping { .. } => Phase::Stopping,
@@ -236,13 +248,15 @@ impl DeliverySequencer {
         matches!(self.state, SequencerState::Feeding { starved: true, .. })
     }
 
-    /// Why parts may not come although there are some: what the courier says against its own feeding, or that parts are seen
-    /// to move otherwise than computed, or too few of them to come.
+    /// Why parts may not come although there are some: feeding was refused, what the courier says against its own feeding, or
+    /// that it stands still, or that parts are seen to move otherwise than computed, or too few of them to come.
     #[must_use]
     pub fn feed_trouble(&self) -> Option<String> {
+        let refused = self.not_fed.clone().map(|reason| Warning::FeedRefused(reason).to_string());
+        let still = || self.stands_still().then(|| Warning::StandsStill.to_string());
         let seen = || self.feed_watch.off().map(|ratio| Warning::FeedOff { ratio }.to_string());
         let few = || self.arrival_watch.few().map(|share| Warning::FewArrive { share }.to_string());
-        self.courier_warning.clone().or_else(seen).or_else(few)
+        refused.or_else(|| self.courier_warning.clone()).or_else(still).or_else(seen).or_else(few)
     }
 
     /// Takes how fast the waveform in force should feed parts on the plateau, by growing radius, and which share of the parts
@@ -262,6 +276,15 @@ impl DeliverySequencer {
     pub fn fault(&self) -> Option<&str> {
         match &self.state {
             SequencerState::Fault { reason, .. } => Some(reason),
+            _ => None,
+        }
+    }
+
+    /// Why nothing is delivered for now although nothing is wrong, if that is so.
+    #[must_use]
+    pub fn suspended(&self) -> Option<&str> {
+        match &self.state {
+            SequencerState::Suspended { reason } => Some(reason),
             _ => None,
         }
     }
@@ -327,14 +350,18 @@ impl DeliverySequencer {
             SequencerState::Returning { id, deadline, ended, failures } => {
                 self.returning(now, id, deadline, ended, failures)
             }
-            SequencerState::Fault { reason, .. } => {
-                let open = !self.queue.is_empty();
-                for delivery in std::mem::take(&mut self.queue) {
-                    self.outputs.push(Output::Finished(delivery.id, Err(Failure::Fault(reason.clone()))));
-                }
-                open
-            }
+            SequencerState::Fault { reason, .. } => self.end_all(&Failure::Fault(reason)),
+            SequencerState::Suspended { reason } => self.end_all(&Failure::Suspended(reason)),
         }
+    }
+
+    /// Fails every open delivery. Says whether there was one.
+    fn end_all(&mut self, failure: &Failure) -> bool {
+        let open = !self.queue.is_empty();
+        for delivery in std::mem::take(&mut self.queue) {
+            self.outputs.push(Output::Finished(delivery.id, Err(failure.clone())));
+        }
+        open
     }
 
     fn feed(&mut self, on: bool) {
@@ -393,7 +420,9 @@ impl DeliverySequencer {
             (true, true) => return false,
             (true, false) => drop(self.finish(now, id, Err(failure))),
             (false, _) => {
-                let feeds_for_it = self.queue.len() == 1 && !matches!(self.phase(), Phase::Returning | Phase::Fault);
+                let feeds_for_it = self.queue.len() == 1
+                    && self.suspended().is_none()
+                    && !matches!(self.phase(), Phase::Returning | Phase::Fault);
                 self.close(id, Err(failure));
                 if feeds_for_it && self.state.stop().is_none() {
                     self.enter(SequencerState::Idle, None);
