@@ -12,6 +12,7 @@ mod docs;
 mod faults;
 mod graph;
 mod interop;
+mod managed;
 mod package;
 mod page;
 mod page_pictures;

@@ -50,12 +50,16 @@ pub(crate) fn call<S: Service>(here: &Participant, service: &ServiceSpec<S>, req
 
 /// Takes the courier driver through these transitions of its lifecycle.
 pub(crate) fn lead_driver(here: &Participant, transitions: &[&str]) {
-    let driver = format!("{FEEDER}/{}", nodes::COURIER_DRIVER);
-    let client = here.service_client::<ChangeState>(&format!("{driver}/change_state")).unwrap();
     for label in transitions {
-        let transition = Transition { id: 0, label: (*label).to_owned() };
-        assert!(client.call(&ChangeStateRequest { transition }, PATIENCE).wait().unwrap().success, "{label}");
+        assert!(lead(here, nodes::COURIER_DRIVER, label), "{label}");
     }
+}
+
+/// Asks a node of the feeder for a transition of its lifecycle; whether it was made.
+pub(crate) fn lead(here: &Participant, node: &str, label: &str) -> bool {
+    let client = here.service_client::<ChangeState>(&format!("{FEEDER}/{node}/change_state")).unwrap();
+    let transition = Transition { id: 0, label: label.to_owned() };
+    client.call(&ChangeStateRequest { transition }, PATIENCE).wait().unwrap().success
 }
 
 #[test]

@@ -15,7 +15,7 @@ use feeder_model::seed::generator;
 use feeder_model::trajectory::Tolerances;
 use feeder_runtime::node::{
     ActionClient, ActionClientPorts, ActionServer, ActionServerPorts, Asker, CallId, Client, ClientEvent, Declare,
-    FeederNode, GoalEnd, GoalId, NodeError, Publisher, Server, StepIo, Subscriber, ns_of_stamp,
+    FeederNode, GoalEnd, GoalId, NodeError, Publisher, Server, Start, StepIo, Subscriber, ns_of_stamp,
 };
 use feeder_scenario::plan::{DeliveryPlannerConfig, NodeConfig, PlannedRecipe};
 use feeder_wire::area::{self, AreaRequest};
@@ -113,6 +113,7 @@ struct Open {
 
 impl FeederNode for DeliveryPlanner {
     const NAME: &'static str = nodes::DELIVERY_PLANNER;
+    const START: Option<Start> = Some(Start::Active);
     type Config = DeliveryPlannerConfig;
     type Ports = Ports;
 

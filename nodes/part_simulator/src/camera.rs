@@ -101,7 +101,7 @@ impl Camera {
         shot: &TrayShot,
         bulk: &PartBulk,
     ) -> Result<(), NodeError> {
-        if io.tick() == 0 {
+        if io.is_activated() {
             io.publish(&ports.tf_static, &self.mounting());
             let urdf = robot_description::camera(&self.feeder, &self.model.platen_from_camera());
             io.publish(&ports.description, &urdf);

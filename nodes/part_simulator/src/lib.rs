@@ -1,6 +1,8 @@
 //! The part simulator: owns the parts, moves them as the tray moves, takes the camera's pictures, and lets grippers pick.
 //!
 //! The state after a block of tray motion carries the stamp of the block's end.
+//!
+//! While it is not active the parts lie still in the tray, wherever that goes, and nobody sees them.
 
 mod camera;
 mod markers;
@@ -10,7 +12,7 @@ use std::time::Duration;
 use feeder_model::part::PartType;
 use feeder_model::seed::seed_for;
 use feeder_runtime::node::{
-    Declare, FeederNode, NodeError, Publisher, Server, StepIo, Subscriber, ns_of_stamp, stamp_of_ns,
+    Declare, FeederNode, NodeError, Publisher, Server, Start, StepIo, Subscriber, ns_of_stamp, stamp_of_ns,
 };
 use feeder_scenario::plan::{NodeConfig, PartSimulatorConfig};
 use feeder_sim::camera::TrayShot;
@@ -61,6 +63,7 @@ pub struct PartSimulator {
 
 impl FeederNode for PartSimulator {
     const NAME: &'static str = nodes::PART_SIMULATOR;
+    const START: Option<Start> = Some(Start::Active);
     type Config = PartSimulatorConfig;
     type Ports = Ports;
 
@@ -118,19 +121,27 @@ impl FeederNode for PartSimulator {
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         for message in io.take(&self.ports.motion) {
-            self.move_parts(&message)?;
+            self.move_parts(io, &message)?;
         }
-        self.refill();
+        if io.is_active() {
+            self.refill();
+        }
         for (asker, request) in io.requests(&self.ports.load) {
-            let response = self.load(request.count);
+            let response = match io.check_active(Self::NAME) {
+                Ok(()) => self.load(request.count),
+                Err(message) => LoadPartsResponse { loaded: 0, message },
+            };
             io.reply(&self.ports.load, asker, &response);
         }
         for station in 0..self.ports.picks.len() {
             let server = self.ports.picks[station];
             for (asker, request) in io.requests(&server) {
-                let gripped = self.pick(io, pick::from_request(request));
+                let gripped = io.check_active(Self::NAME).and_then(|()| self.pick(io, pick::from_request(request)));
                 io.reply(&server, asker, &pick::to_response(gripped));
             }
+        }
+        if !io.is_active() {
+            return Ok(());
         }
         io.publish(&self.ports.parts, &self.part_states());
         self.drawing.draw(io, &self.ports.markers, self.known_until_ns, &self.bulk);
@@ -139,9 +150,11 @@ impl FeederNode for PartSimulator {
 }
 
 impl PartSimulator {
-    fn move_parts(&mut self, message: &TrayMotion) -> Result<(), NodeError> {
+    fn move_parts(&mut self, io: &StepIo, message: &TrayMotion) -> Result<(), NodeError> {
         let block = feeder_wire::tray_motion::from_message(message).map_err(NodeError::new)?;
-        self.bulk.step(&block).map_err(NodeError::new)?;
+        if io.is_active() {
+            self.bulk.step(&block).map_err(NodeError::new)?;
+        }
         if let Some(last) = block.samples.last() {
             let dt = block.sample_period_s;
             let end = last.position + (last.velocity + 0.5 * dt * last.acceleration) * dt;

@@ -60,7 +60,7 @@ impl Drawing {
     /// Publishes what is due; `stamp_ns` is the time for which the parts are known.
     pub(crate) fn draw(&self, io: &mut StepIo, ports: &Ports, stamp_ns: u64, bulk: &PartBulk) {
         let header = Header { stamp: stamp_of_ns(stamp_ns), frame_id: self.frame.clone() };
-        if io.tick() == 0 {
+        if io.is_activated() {
             io.publish(&ports.tray, &markers::tray(&header, &self.tray));
         }
         if io.tick().is_multiple_of(self.period_ticks) && io.wanted(&ports.parts) {

@@ -19,7 +19,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use feeder_runtime::node::{
-    Declare, FeederNode, Health, HealthLevel, NodeError, Publisher, StepIo, Subscriber, ns_of_stamp,
+    Declare, FeederNode, Health, HealthLevel, NodeError, Publisher, Start, StepIo, Subscriber, ns_of_stamp,
 };
 use feeder_scenario::plan::{ImageTransport, NodeConfig, VisionSelectorConfig};
 use feeder_vision::{ImageFault, TimedPose};
@@ -74,7 +74,9 @@ pub struct VisionSelector {
     fault: Option<LookError>,
     /// Which warnings were in force last, so that each is said once.
     warned: [bool; WARNINGS],
-    /// When an image came last, if ever, and how long none may come.
+    /// When the selector became active last.
+    active_tick: u64,
+    /// When an image came last since then, if ever, and how long none may come.
     seen_tick: Option<u64>,
     patience_ticks: u64,
 }
@@ -94,6 +96,7 @@ struct Frames {
 
 impl FeederNode for VisionSelector {
     const NAME: &'static str = nodes::VISION_SELECTOR;
+    const START: Option<Start> = Some(Start::Active);
     type Config = VisionSelectorConfig;
     type Ports = Ports;
 
@@ -141,6 +144,7 @@ impl FeederNode for VisionSelector {
                 .unwrap_or(1),
             fault: None,
             warned: [false; WARNINGS],
+            active_tick: 0,
             seen_tick: None,
             patience_ticks: SILENT_PERIODS * period_ticks + SLACK_TICKS,
         })
@@ -169,6 +173,15 @@ impl FeederNode for VisionSelector {
         for message in io.take(&self.ports.info) {
             self.sight.hear(message);
         }
+        if !io.is_active() {
+            // Where the tray is stays known; what comes of the camera is dropped.
+            self.waiting.clear();
+            self.seen_tick = None;
+            return Ok(());
+        }
+        if io.is_activated() {
+            self.active_tick = io.tick();
+        }
         let now_ns = io.now_ns();
         let arrived: Vec<Frame> = match &self.ports.image {
             ImagePort::Compressed(port) => io.take(port).into_iter().map(Frame::Compressed).collect(),
@@ -184,7 +197,7 @@ impl FeederNode for VisionSelector {
         }) {
             self.select(io, &image);
         }
-        if io.tick() > self.seen_tick.unwrap_or(0) + self.patience_ticks {
+        if io.tick() > self.seen_tick.unwrap_or(self.active_tick) + self.patience_ticks {
             let why = LookError::without_image(self.seen_tick.is_some());
             self.tell(io, Some(why));
         }

@@ -2,12 +2,15 @@
 //!
 //! The waveform goes out as a description, latched; the courier driver runs it at servo rate. A new waveform is checked
 //! against the courier's limits before it is published.
+//!
+//! A generator that is made inactive stops the courier first, and goes on when it is active again with what it was asked
+//! for last: off may be asked for at any time.
 
 use std::time::Duration;
 
 use feeder_control::courier::WaveformEnvelope;
 use feeder_model::waveform::Waveform;
-use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, Server, StepIo, Subscriber};
+use feeder_runtime::node::{Declare, FeederNode, NodeError, Publisher, Server, Start, StepIo, Subscriber};
 use feeder_scenario::plan::{NodeConfig, WaveformGeneratorConfig};
 use feeder_wire::{courier_state, nodes, response, services, topics};
 use minifactory_msgs::msg;
@@ -34,7 +37,10 @@ pub struct WaveformGenerator {
     envelope: WaveformEnvelope,
     name: String,
     waveform: Waveform,
+    /// Whether it was asked to run.
     enabled: bool,
+    /// Whether the generator was active in the last step.
+    active: bool,
     sequence: u32,
     /// The sequence that the courier has heard last.
     acknowledged: u32,
@@ -47,6 +53,7 @@ pub struct WaveformGenerator {
 
 impl FeederNode for WaveformGenerator {
     const NAME: &'static str = nodes::WAVEFORM_GENERATOR;
+    const START: Option<Start> = Some(Start::Active);
     type Config = WaveformGeneratorConfig;
     type Ports = Ports;
 
@@ -75,26 +82,26 @@ impl FeederNode for WaveformGenerator {
             name: config.name.clone(),
             waveform: config.waveform.clone(),
             enabled: false,
+            active: false,
             sequence: 0,
             acknowledged: 0,
             unheard_sequence: 0,
             said_ns: 0,
-            changed: true,
+            changed: false,
         })
     }
 
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         for (asker, request) in io.requests(&self.ports.set_feeding) {
-            // Said anew even when nothing changes: the courier may have been stopped by somebody else.
-            self.changed = true;
-            self.enabled = request.data;
-            let message = if request.data { "feeding" } else { "not feeding" };
-            io.reply(&self.ports.set_feeding, asker, &response::done(message));
+            let set = self.set_feeding(io, request.data);
+            io.reply(&self.ports.set_feeding, asker, &response::to_message(set));
         }
         for (asker, request) in io.requests(&self.ports.set_waveform) {
-            let replaced = self.replace(&request.waveform).map(|()| "");
-            io.reply(&self.ports.set_waveform, asker, &response::to_message(replaced));
+            let replaced = io.check_active(Self::NAME).and_then(|()| self.replace(&request.waveform));
+            io.reply(&self.ports.set_waveform, asker, &response::to_message(replaced.map(|()| "")));
         }
+        self.changed |= self.active != io.is_active();
+        self.active = io.is_active();
         let changed = std::mem::take(&mut self.changed);
         self.sequence += u32::from(changed);
         for state in io.take(&self.ports.courier_state) {
@@ -103,7 +110,7 @@ impl FeederNode for WaveformGenerator {
         // Said again as a sign of life while the courier vibrates, and until the courier has heard it.
         let unheard = self.acknowledged != self.sequence;
         let due = io.now_ns().saturating_sub(self.said_ns) >= REPEAT_PERIOD_NS;
-        if changed || ((self.enabled || unheard) && due) {
+        if changed || (self.active && (self.enabled || unheard) && due) {
             if !changed && unheard && self.unheard_sequence != self.sequence {
                 self.unheard_sequence = self.sequence;
                 tracing::warn!("no courier has acknowledged waveform {}: it is sent again", self.sequence);
@@ -113,7 +120,7 @@ impl FeederNode for WaveformGenerator {
                 header: io.header(""),
                 sequence: self.sequence,
                 name: self.name.clone(),
-                enabled: self.enabled,
+                enabled: self.enabled && self.active,
                 ..feeder_wire::waveform::to_message(&self.waveform)
             };
             io.publish(&self.ports.waveform, &message);
@@ -123,10 +130,21 @@ impl FeederNode for WaveformGenerator {
 }
 
 impl WaveformGenerator {
+    /// Turns feeding on or off, and says which.
+    fn set_feeding(&mut self, io: &StepIo, on: bool) -> Result<&'static str, String> {
+        if on {
+            io.check_active(Self::NAME)?;
+        }
+        self.enabled = on;
+        // Said anew even when nothing changes: the courier may have been stopped by somebody else.
+        self.changed |= io.is_active();
+        Ok(if on { "feeding" } else { "not feeding" })
+    }
+
     /// Takes over a waveform; what was there stays when it is refused.
-    fn replace(&mut self, message: &msg::Waveform) -> Result<(), NodeError> {
-        let waveform = feeder_wire::waveform::from_message(message).map_err(NodeError::new)?;
-        self.envelope.check(&waveform).map_err(NodeError::new)?;
+    fn replace(&mut self, message: &msg::Waveform) -> Result<(), String> {
+        let waveform = feeder_wire::waveform::from_message(message).map_err(|error| error.to_string())?;
+        self.envelope.check(&waveform).map_err(|error| error.to_string())?;
         self.waveform = waveform;
         self.name.clone_from(&message.name);
         self.enabled = message.enabled;

@@ -23,8 +23,9 @@ serves or calls what is not stated for it here does not start.
 ";
 
 const REST: &str = "
-Every node also has the six parameter services, `~/get_type_description`, and `courier_driver` the services of a lifecycle
-(`~/get_state`, `~/change_state`, …) with `~/transition_event`. An action is served by the three services and two topics
+Every node also has the six parameter services and `~/get_type_description`; `waveform_generator`, `courier_driver`,
+`part_simulator`, `vision_selector` and `delivery_planner` have the services of a lifecycle (`~/get_state`, `~/change_state`,
+`~/get_available_states`, `~/get_available_transitions`, `~/get_transition_graph`) with `~/transition_event`. An action is served by the three services and two topics
 below its name that ROS 2 gives it. How other agents use what is for them is in
 [PROTOCOL.md](../../msgs/PROTOCOL.md).
 ";

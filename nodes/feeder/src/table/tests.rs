@@ -144,8 +144,14 @@ fn the_graph_of_all_nodes_and_the_table_of_interfaces_say_the_same() {
 }
 
 #[test]
-fn the_courier_driver_alone_has_a_lifecycle_and_no_node_has_more_below_its_name() {
-    let managed = [nodes::COURIER_DRIVER];
+fn the_nodes_of_a_feeder_have_a_lifecycle_and_no_node_has_more_below_its_name() {
+    let managed = [
+        nodes::WAVEFORM_GENERATOR,
+        nodes::COURIER_DRIVER,
+        nodes::PART_SIMULATOR,
+        nodes::VISION_SELECTOR,
+        nodes::DELIVERY_PLANNER,
+    ];
     let lifecycle = [
         "change_state",
         "get_available_states",
