@@ -36,6 +36,15 @@ const NODES: [&str; 8] = [
     "/feeder_up",
 ];
 
+/// Nodes with a lifecycle.
+const MANAGED: [&str; 5] = [
+    "/feeder/part_simulator",
+    "/feeder/courier_driver",
+    "/feeder/waveform_generator",
+    "/feeder/vision_selector",
+    "/feeder/delivery_planner",
+];
+
 /// Longest wait for a command. It only keeps a failing check from hanging.
 const PATIENCE: Duration = Duration::from_secs(120);
 /// How often a command that only looks is tried: discovery may not have come round yet.
@@ -80,8 +89,8 @@ fn checks(python: &str) -> Vec<Check> {
     let deliver = "/feeder/deliver_part";
     let goal = format!("ros2 action send_goal --feedback {deliver} minifactory_msgs/action/DeliverPart");
     let script = |name: &str| format!("{python} {}/ros2/{name}", env!("CARGO_MANIFEST_DIR"));
-    let launch = |format: &str, arguments: &str| {
-        format!("ROS_DOMAIN_ID={{other}} ros2 launch {{launch}}/feeder.launch.{format} {arguments} 2>&1")
+    let launch = |file: &str, format: &str, arguments: &str| {
+        format!("ROS_DOMAIN_ID={{other}} ros2 launch {{launch}}/{file}.launch.{format} {arguments} 2>&1")
     };
     let package = |command: &str| format!(". {{work}}/install/setup.bash && ROS_DOMAIN_ID={{other}} {command}");
     let mut checks = vec![
@@ -154,12 +163,23 @@ fn checks(python: &str) -> Vec<Check> {
             &["Goal accepted", "Feedback:"],
         ),
         check(Act, "action, rejected", &format!("{goal} '{{station: nowhere}}'"), &["Goal was rejected"]),
-        check(Look, "lifecycle nodes", "ros2 lifecycle nodes", &[driver]),
-        check(Look, "lifecycle list", &format!("ros2 lifecycle list {driver}"), &["deactivate", "shutdown"]),
-        check(Look, "lifecycle get", &format!("ros2 lifecycle get {driver}"), &["active [3]"]),
-        check(Refused, "lifecycle set, refused", &format!("ros2 lifecycle set {driver} configure"), &[]),
+        check(Look, "lifecycle nodes", "ros2 lifecycle nodes", &MANAGED),
         check(Look, "param list, all nodes", "ros2 param list", &NODES),
     ];
+    for node in MANAGED {
+        let of = |verb: &str| format!("lifecycle {verb} {node}");
+        let run = |verb: &str, rest: &str| format!("ros2 lifecycle {verb} {node}{rest}");
+        let set = |to: &str| check(Act, &of(to), &run("set", &format!(" {to}")), &["Transitioning successful"]);
+        checks.extend([
+            check(Look, &of("list"), &run("list", ""), &["deactivate", "shutdown"]),
+            check(Look, &of("list -a"), &run("list", " -a"), &["configure", "cleanup", "activate", "deactivate"]),
+            check(Look, &of("get"), &run("get", ""), &["active [3]"]),
+            check(Refused, &of("set, refused"), &run("set", " configure"), &[]),
+            set("deactivate"),
+            check(Look, &of("get, inactive"), &run("get", ""), &["inactive [2]"]),
+            set("activate"),
+        ]);
+    }
     for node in NODES {
         let of = |verb: &str| format!("param {verb} {node}");
         let run = |verb: &str, rest: &str| format!("ros2 param {verb} {node}{rest}");
@@ -200,10 +220,11 @@ fn checks(python: &str) -> Vec<Check> {
         ),
         check(Look, "bag info", "ros2 bag info {work}/bag", &["Topic: /feeder/joint_states", "Topic: /clock"]),
         check(Look, "its bag, read by feeder", "feeder bag check {work}/bag", &[]),
-        check(Act, "launch, XML", &launch("xml", "duration:=2 speed:=max"), &["simulated time"]),
-        check(Act, "launch, YAML", &launch("yaml", "duration:=2 speed:=max"), &["simulated time"]),
-        check(Act, "launch, Python", &launch("py", "duration:=2 speed:=max"), &["simulated time"]),
-        check(Act, "launch, refused", &launch("xml", "scenario:=/nowhere.yaml"), &["cannot read /nowhere.yaml"]),
+        check(Act, "launch, XML", &launch("feeder", "xml", "duration:=2 speed:=max"), &["simulated time"]),
+        check(Act, "launch, YAML", &launch("feeder", "yaml", "duration:=2 speed:=max"), &["simulated time"]),
+        check(Act, "launch, Python", &launch("feeder", "py", "duration:=2 speed:=max"), &["simulated time"]),
+        check(Stopped, "launch, managed", &launch("managed", "py", ""), &["Transitioning successful", "activate_delivery"]),
+        check(Act, "launch, refused", &launch("feeder", "xml", "scenario:=/nowhere.yaml"), &["cannot read /nowhere.yaml"]),
         check(
             Act,
             "package, built",
