@@ -35,7 +35,7 @@ fn the_package_has_the_command_its_scenarios_and_launch_files_where_ros_2_looks(
     let prefix = installed(work.path());
     let share = prefix.join("share/minifactory_feeder");
     assert!(prefix.join("share/ament_index/resource_index/packages/minifactory_feeder").is_file());
-    for launch in ["feeder.launch.py", "feeder.launch.xml", "feeder.launch.yaml"] {
+    for launch in ["feeder.launch.py", "feeder.launch.xml", "feeder.launch.yaml", "managed.launch.py"] {
         assert!(share.join("launch").join(launch).is_file(), "{launch}");
     }
     let scenarios = std::fs::read_dir(SOURCE).unwrap().map(|entry| entry.unwrap().file_name());
