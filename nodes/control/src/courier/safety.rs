@@ -292,23 +292,32 @@ mod tests {
     #[test]
     fn the_envelope_has_bounds_of_place_yaw_tether_and_speed() {
         let limits = CourierLimits { tether_anchor_m: [0.0, 0.8], tether_length_m: 0.8, ..CourierLimits::default() };
-        let found = |measured: Vector3<f64>, velocity: Vector3<f64>| {
+        let within = |limits: CourierLimits, measured: Vector3<f64>, velocity: Vector3<f64>| {
             let mut supervisor = Supervisor::new(SafetyParameters::default(), limits, PERIOD_S);
             match supervisor.watch(&Seen { measured: Some(measured), set_point: measured, velocity }) {
                 Some(Fault::LeftEnvelope { quantity, .. }) => Some(quantity),
                 other => other.map(|fault| panic!("{fault:?}")),
             }
         };
+        let found = |measured, velocity| within(limits, measured, velocity);
         let (centre, still) = (Vector3::zeros(), Vector3::zeros());
         let margin_m = SafetyParameters::default().position_margin_m;
         assert_eq!(found(centre, still), None);
         let away = |m: f64| Vector3::new(0.0, -m, 0.0);
         assert_eq!(found(away(0.9 * margin_m), still), None);
         assert_eq!(found(away(1.1 * margin_m), still), Some("distance from the tether's anchor (m)"));
-        let yaw = |rad: f64| Vector3::new(0.0, 0.0, rad);
-        let yaw_rad = limits.position_max().z + SafetyParameters::default().yaw_margin_rad;
-        assert_eq!(found(yaw(0.99 * yaw_rad), still), None);
-        assert_eq!(found(yaw(1.01 * yaw_rad), still), Some("courier_yaw"));
+        // The bounds of place and yaw hold to either side; here no tether holds the courier back before.
+        let yaw_margin_rad = SafetyParameters::default().yaw_margin_rad;
+        for (axis, margin) in [(0, margin_m), (1, margin_m), (2, yaw_margin_rad)] {
+            for (side, bound) in [(-1.0, limits.position_min()[axis]), (1.0, limits.position_max()[axis])] {
+                let beyond = |share: f64| {
+                    let mut place = Vector3::zeros();
+                    place[axis] = bound + side * share * margin;
+                    within(CourierLimits { tether_length_m: 9.0, ..limits }, place, still)
+                };
+                assert_eq!((beyond(0.9), beyond(1.1)), (None, Some(AXES[axis])), "{side}");
+            }
+        }
         let fast_m_s = limits.speed_m_s_max * (1.0 + SafetyParameters::default().speed_margin);
         for direction in [Vector3::new(0.6, 0.8, 0.0), Vector3::new(-1.0, 0.0, 0.0)] {
             assert_eq!(found(centre, direction * (0.99 * fast_m_s)), None);
@@ -362,5 +371,57 @@ mod tests {
         };
         assert_eq!(share_of(2), Some(Fault::OftenSaturated { share: 0.5 }));
         assert_eq!(share_of(3), None);
+    }
+
+    #[test]
+    fn a_courier_that_stands_while_its_set_point_moves_is_stuck_wherever_it_stands() {
+        let SafetyParameters { still_m, still_rad, stuck_s_max, .. } = SafetyParameters::default();
+        for (axis, still) in [(0, still_m), (1, still_m), (2, still_rad)] {
+            for place in [-0.3, 0.0, 0.3] {
+                let watched = |asked: f64, moved: f64| {
+                    let mut supervisor = Supervisor::new(
+                        SafetyParameters::default(),
+                        CourierLimits { yaw_rad_max: 0.5, ..CourierLimits::default() },
+                        PERIOD_S,
+                    );
+                    (0..ticks_of(stuck_s_max)).find_map(|tick| {
+                        let swing = if tick % 2 == 0 { -0.5 } else { 0.5 };
+                        let at = |size: f64| {
+                            let mut position = Vector3::zeros();
+                            position[axis] = place + swing * size;
+                            position
+                        };
+                        let seen = Seen { measured: Some(at(moved)), set_point: at(asked), velocity: Vector3::zeros() };
+                        supervisor.watch(&seen)
+                    })
+                };
+                let fault = watched(11.0 * still, 0.9 * still);
+                assert!(matches!(fault, Some(Fault::Stuck { axis: found, .. }) if found == axis), "{place} {fault:?}");
+                // It moves, or it was hardly asked to.
+                assert_eq!((watched(11.0 * still, 1.1 * still), watched(9.0 * still, 0.9 * still)), (None, None));
+            }
+        }
+    }
+
+    #[test]
+    fn a_commander_may_be_silent_for_its_time_and_for_ever_where_that_is_0() {
+        for (limit_s, is_limited) in [(0.5, true), (0.0, false)] {
+            let parameters = SafetyParameters { command_silence_s_max: limit_s, ..SafetyParameters::default() };
+            let mut supervisor = Supervisor::new(parameters, CourierLimits::default(), PERIOD_S);
+            supervisor.hear(Commander::Planner);
+            for _ in 0..1000 {
+                assert_eq!(supervisor.silence([Commander::Planner]), None);
+            }
+            // Half a second is over. What nobody asked for does not depend on anybody's word.
+            assert_eq!(supervisor.silence([]), None);
+            let fault = supervisor.silence([Commander::Planner]);
+            assert_eq!(fault.is_some(), is_limited, "{fault:?}");
+        }
+    }
+
+    #[test]
+    fn bad_parameters_are_named() {
+        let bad = SafetyParameters { tracking_error_m_max: f64::NAN, ..SafetyParameters::default() };
+        assert!(bad.validate().unwrap_err().to_string().contains("safety.tracking_error_m_max"));
     }
 }
