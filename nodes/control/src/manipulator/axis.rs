@@ -74,17 +74,20 @@ mod tests {
 
     proptest! {
         #[test]
-        fn position_is_the_integral_of_velocity_within_limits(from in -1.0..1.0_f64, to in -1.0..1.0_f64) {
+        fn position_is_the_integral_of_velocity_within_limits(
+            from in -1.0..1.0_f64, to in -1.0..1.0_f64, start_s in 0.0..9.0_f64,
+        ) {
             let limits = AxisSpeed { speed_max: 0.7, acceleration_max: 4.0 };
-            let path = RestToRest::new(from, to, 0.0, limits);
+            let path = RestToRest::new(from, to, start_s, limits);
             let (steps, mut position) = (2000, from);
-            let dt = path.end_s() / f64::from(steps);
+            let dt = (path.end_s() - start_s) / f64::from(steps);
             for step in 0..steps {
-                let (_, v0) = path.at(f64::from(step) * dt);
-                let (_, v1) = path.at(f64::from(step + 1) * dt);
+                let (_, v0) = path.at(start_s + f64::from(step) * dt);
+                let (there, v1) = path.at(start_s + f64::from(step + 1) * dt);
                 prop_assert!(v1.abs() <= limits.speed_max * (1.0 + 1e-9));
                 prop_assert!((v1 - v0).abs() <= limits.acceleration_max * dt * (1.0 + 1e-6) + 1e-12);
                 position += 0.5 * (v0 + v1) * dt;
+                prop_assert!((position - there).abs() < 1e-5);
             }
             prop_assert!((position - to).abs() < 1e-5);
             prop_assert_eq!(path.at(path.end_s() + 1.0), (to, 0.0));

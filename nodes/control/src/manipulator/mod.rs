@@ -359,6 +359,47 @@ mod tests {
     }
 
     #[test]
+    fn the_gripper_is_given_its_time_to_close() {
+        let config = ManipulatorConfig { grip_s: 0.2, ..Default::default() };
+        let mut manipulator = manipulator(config);
+        let mut now_s = 1.0;
+        manipulator.step(now_s, &[]);
+        manipulator.step(now_s, &[presented(0.0)]);
+        let (mut there_s, mut gripped_s) = (None, None);
+        while gripped_s.is_none() {
+            now_s += 0.01;
+            let is_there = manipulator.joints(now_s) == [(0.0, 0.0), (1.0, 0.0)];
+            there_s = there_s.or(is_there.then_some(now_s));
+            gripped_s = manipulator.step(now_s, &[]).pop().map(|_| now_s);
+        }
+        let closing_s = now_s - there_s.unwrap();
+        assert!((0.2 - 1e-9..0.23).contains(&closing_s), "{closing_s}");
+    }
+
+    #[test]
+    fn the_next_part_is_asked_for_when_the_last_is_put_away_and_a_while_after_a_refusal() {
+        let config = ManipulatorConfig::default();
+        let mut manipulator = manipulator(config);
+        let mut now_s = 3.0;
+        manipulator.step(now_s, &[]);
+        let waits = |manipulator: &mut Manipulator, now_s: &mut f64| {
+            let since_s = *now_s;
+            assert_eq!(until_action(manipulator, now_s), Action::Request);
+            *now_s - since_s
+        };
+        manipulator.step(now_s, &[Event::NoPart("none fits".into())]);
+        let after_refusal_s = waits(&mut manipulator, &mut now_s);
+        manipulator.step(now_s, &[presented(0.0)]);
+        assert!(matches!(until_action(&mut manipulator, &mut now_s), Action::Grip { .. }));
+        manipulator.step(now_s, &[Event::Gripped(Ok(()))]);
+        assert!(matches!(until_action(&mut manipulator, &mut now_s), Action::Release { .. }));
+        let after_pick_s = waits(&mut manipulator, &mut now_s);
+        for waited_s in [after_refusal_s, after_pick_s] {
+            assert!((config.place_s - 1e-9..config.place_s + 0.03).contains(&waited_s), "{waited_s}");
+        }
+    }
+
+    #[test]
     fn the_feeder_is_released_when_the_tool_is_up() {
         let mut manipulator = manipulator(ManipulatorConfig::default());
         let mut now_s = 0.0;
