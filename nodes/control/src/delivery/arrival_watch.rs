@@ -190,6 +190,34 @@ mod tests {
     }
 
     #[test]
+    fn what_was_told_stands_as_it_was_told_until_six_in_ten_come() {
+        let mut watch = watched(100, Some(5.0));
+        let told = watch.few().unwrap();
+        assert!((0.1..0.3).contains(&told), "{told}");
+        feed(&mut watch, 100, 200, Some(2.0));
+        assert_eq!(watch.few(), Some(told));
+    }
+
+    #[test]
+    fn no_part_is_missed_of_those_that_should_have_come_unseen_or_while_nothing_vibrated() {
+        let nothing = |at_s: u64, is_blind: bool| CandidateFrame {
+            stamp: Stamp::from_secs(at_s),
+            candidates: Vec::new(),
+            is_blind,
+        };
+        let mut watch = watched(1, None);
+        watch.pause();
+        watch.see(&nothing(100, false));
+        assert_eq!(watch.few(), None);
+        watch.see(&nothing(101, true));
+        watch.see(&nothing(200, true));
+        watch.see(&nothing(300, false));
+        assert_eq!(watch.few(), None);
+        watch.see(&nothing(320, false));
+        assert!(watch.few().is_some());
+    }
+
+    #[test]
     fn an_empty_ramp_brings_nothing_and_is_no_reason_for_a_word() {
         let mut watch = ArrivalWatch::new(PI);
         watch.expect(Some(0.1));

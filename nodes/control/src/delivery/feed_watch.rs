@@ -194,6 +194,27 @@ mod tests {
     }
 
     #[test]
+    fn a_few_parts_that_stand_still_do_not_count_against_many_that_move() {
+        let mut watch = FeedWatch::new(0.15);
+        watch.expect(EXPECTED.to_vec());
+        for step in 0..60_u32 {
+            let mut seen = frame(u64::from(step) * 100, 0.25 * 0.1 * f64::from(step), 0);
+            seen.candidates.push(candidate(3, 0.0, -0.07));
+            watch.see(&seen);
+        }
+        assert_eq!(watch.off(), None);
+    }
+
+    #[test]
+    fn what_was_told_is_told_anew_when_it_has_changed_by_a_tenth_and_not_before() {
+        let mut watch = watched(0.15, 60);
+        for (rate_rad_s, told) in [(0.13, 0.6), (0.11, 0.44), (0.13, 0.44)] {
+            watch_on(&mut watch, rate_rad_s, 80);
+            assert!((watch.off().unwrap() - told).abs() < 1e-9, "{rate_rad_s} {:?}", watch.off());
+        }
+    }
+
+    #[test]
     fn between_two_radii_the_rate_is_between_theirs() {
         let watch = watched(0.25, 1);
         for (radius_m, expected) in [(0.05, 0.2), (0.06, 0.2), (0.065, 0.225), (0.08, 0.3), (0.09, 0.3)] {
