@@ -2,6 +2,8 @@
 #![expect(clippy::unwrap_used, reason = "what fails to set up fails the test")]
 
 mod arbiter;
+mod by_hand;
+mod ends;
 mod moves;
 mod rules;
 mod sequences;

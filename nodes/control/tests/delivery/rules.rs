@@ -2,110 +2,11 @@
 
 use std::time::Duration;
 
-use feeder_control::courier::CourierLimits;
-use feeder_control::delivery::{
-    CandidateFrame, CourierReport, Delivered, DeliveryConfig, DeliveryId, DeliverySequencer, Failure, HandOver, MoveId,
-    Output, Refusal, Stamp, Warning,
-};
-use feeder_model::motor::Load;
-use feeder_model::tray::TrayGeometry;
+use feeder_control::delivery::{CandidateFrame, DeliveryConfig, Failure, HandOver, MoveId, Output, Refusal};
 use nalgebra::{Vector2, Vector3};
 
-use crate::world::{asking, config, washer};
-
-/// Where the parts lie in the tray, and where the courier stands to bring them under the station `right`.
-const PART_M: [f64; 2] = [0.0, -0.07];
-const STAND: [f64; 3] = [0.3, 0.17, 0.0];
-
-fn at(s: f64) -> Stamp {
-    Duration::from_secs_f64(s)
-}
-
-/// A sequencer with one request, whose courier is at rest at the feeding place from 1 s on.
-struct ByHand {
-    sequencer: DeliverySequencer,
-    id: DeliveryId,
-}
-
-impl ByHand {
-    fn new(config: DeliveryConfig, tolerance_m: f64, timeout: Option<Duration>) -> Self {
-        let (tray, limits) = (TrayGeometry::PAPER, CourierLimits::default());
-        let mut sequencer = DeliverySequencer::new(config, tray, limits, Load::default()).unwrap();
-        let mut request = asking("right", tolerance_m);
-        request.timeout = timeout;
-        let id = sequencer.request(at(0.5), request).unwrap();
-        let mut this = Self { sequencer, id };
-        this.home(1.0, false);
-        this.step(1.0);
-        this
-    }
-
-    /// The courier says where it is and whether it moves.
-    fn courier(&mut self, s: f64, position: Vector3<f64>, moving: bool) {
-        self.sequencer.courier(CourierReport { stamp: at(s), position, vibrating: false, moving });
-    }
-
-    /// The same of the feeding place.
-    fn home(&mut self, s: f64, moving: bool) {
-        self.courier(s, config().feeding_place, moving);
-    }
-
-    /// A picture shows parts at these places, m.
-    fn see(&mut self, s: f64, places_m: &[[f64; 2]]) {
-        let candidates = (1..).zip(places_m).map(|(id, &place_m)| washer(id, place_m.into()));
-        let candidates = candidates.collect();
-        self.sequencer.candidates(CandidateFrame { stamp: at(s), candidates, is_blind: false });
-    }
-
-    fn step(&mut self, s: f64) -> Vec<Output> {
-        self.sequencer.step(at(s))
-    }
-
-    /// Whether a move begins.
-    fn departs(&mut self, s: f64) -> Option<MoveId> {
-        self.step(s).into_iter().find_map(|output| match output {
-            Output::Move(id, _) => Some(id),
-            _ => None,
-        })
-    }
-
-    fn presents(&mut self, s: f64) -> Option<Delivered> {
-        self.step(s).into_iter().find_map(|output| match output {
-            Output::Presented(_, delivered) => Some(delivered),
-            _ => None,
-        })
-    }
-
-    /// How a delivery ended, and the warnings given.
-    fn ends(&mut self, s: f64) -> (Option<Result<(), Failure>>, Vec<Warning>) {
-        let (mut end, mut warnings) = (None, Vec::new());
-        for output in self.step(s) {
-            match output {
-                Output::Finished(_, result) => end = Some(result.map(|_| ())),
-                Output::Warning(warning) => warnings.push(warning),
-                _ => {}
-            }
-        }
-        (end, warnings)
-    }
-
-    /// On the way to the station since 1.1 s.
-    fn departed(config: DeliveryConfig, tolerance_m: f64, timeout: Option<Duration>) -> (Self, MoveId) {
-        let mut this = Self::new(config, tolerance_m, timeout);
-        this.step(1.06);
-        this.see(1.08, &[PART_M]);
-        let id = this.departs(1.1).unwrap();
-        (this, id)
-    }
-
-    /// The courier has arrived at 2 s, so far off along x, m.
-    fn arrived(config: DeliveryConfig, tolerance_m: f64, timeout: Option<Duration>, off_m: f64) -> Self {
-        let (mut this, id) = Self::departed(config, tolerance_m, timeout);
-        this.sequencer.move_ended(id, Ok(()));
-        this.courier(2.0, Vector3::from(STAND) + Vector3::x() * off_m, false);
-        this
-    }
-}
+use crate::by_hand::{ByHand, PART_M, STAND, at};
+use crate::world::{asking, config};
 
 #[test]
 fn parts_are_chosen_from_a_picture_taken_after_they_settled() {
