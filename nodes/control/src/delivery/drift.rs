@@ -193,11 +193,56 @@ mod tests {
     #[test]
     fn the_interval_between_fitting_parts_is_learned() {
         let mut drift = Drift::new(0.0);
+        assert!((drift.interval_s() - PRIOR_S).abs() < 1e-12);
         drift.start();
         for step in 0..1200_u64 {
-            // A new part every 0.5 s, one at a time; every other one fits.
-            drift.feed(&frame(step * 100, &[(step / 5, 4.0)]), |candidate| candidate.id % 2 == 0);
+            // A new part every 0.5 s, one at a time; one in four fits.
+            drift.feed(&frame(step * 100, &[(step / 5, 4.0)]), |candidate| candidate.id % 4 == 0);
         }
-        assert!((drift.interval_s() - 1.0).abs() < 0.1, "{}", drift.interval_s());
+        assert!((drift.interval_s() - 2.0).abs() < 0.1, "{}", drift.interval_s());
+        // Then every one of them: minutes later what was before counts little.
+        for step in 1200..4200_u64 {
+            drift.feed(&frame(step * 100, &[(step / 5, 4.0)]), |_| true);
+        }
+        assert!((drift.interval_s() - 0.5).abs() < 0.05, "{}", drift.interval_s());
+    }
+
+    #[test]
+    fn a_part_is_taken_to_go_on_as_fast_as_it_went_of_late_and_in_this_feeding() {
+        let mut drift = Drift::new(0.4);
+        fed(&mut drift, 0.2);
+        // It slows down to a quarter.
+        for step in 0..20_u32 {
+            drift.feed(&frame(1000 + u64::from(step) * 100, &[(1, 4.18 + 0.005 * f64::from(step))]), |_| true);
+        }
+        let part = &frame(3000, &[(1, 4.3)]).candidates[0];
+        let way_rad = TAU - (0.0025_f64 / 0.07).asin() - 4.3;
+        assert!((drift.stays_s(part) - way_rad / 0.05).abs() < 1.0, "{}", drift.stays_s(part));
+        // Nothing is known of it when feeding begins anew: somebody may have moved it.
+        drift.start();
+        assert!(drift.stays_s(part).is_infinite());
+    }
+
+    #[test]
+    fn a_part_seen_once_is_taken_to_go_as_fast_as_the_others_do_on_the_mean() {
+        let mut drift = Drift::new(0.4);
+        for step in 0..10_u32 {
+            let s = 0.1 * f64::from(step);
+            drift.feed(&frame(u64::from(step) * 100, &[(1, 4.0 + 0.1 * s), (2, 5.0 + 0.3 * s)]), |_| true);
+        }
+        let new = &frame(1000, &[(3, 4.5)]).candidates[0];
+        let way_rad = TAU - (0.0025_f64 / 0.07).asin() - 4.5;
+        assert!((drift.stays_s(new) - way_rad / 0.2).abs() < 0.1, "{}", drift.stays_s(new));
+    }
+
+    #[test]
+    fn the_time_to_rest_is_the_mean_of_what_the_parts_took() {
+        let mut drift = Drift::new(0.0);
+        for _ in 0..30 {
+            fed(&mut drift, 0.2);
+            drift.stop(Stamp::from_millis(900));
+            drift.rest(&frame(1800, &[(1, 4.18 + 0.2 * 0.3), (2, 6.18 + 0.2 * 0.1)]));
+        }
+        assert!((drift.stop_drift_s - 0.2).abs() < 1e-3, "{}", drift.stop_drift_s);
     }
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use feeder_control::delivery::{DeliveryConfig, Failure, Output, Phase, ReserveId};
+use feeder_control::delivery::{DeliveryConfig, Failure, Output, Phase, Refusal, ReserveId};
 
 use crate::by_hand::{ByHand, PART_M, STAND, at};
 use crate::world::{asking, config};
@@ -110,6 +110,15 @@ fn a_purge_ends_with_the_generators_refusal() {
     hand.sequencer.feed_refused("the waveform is unknown".into());
     assert!(hand.step(1.2).contains(&Output::Purged(Err("the waveform is unknown".into()))));
     assert_eq!(hand.sequencer.phase(), Phase::Idle);
+}
+
+#[test]
+fn a_purge_begins_only_where_the_courier_feeds() {
+    let mut hand = ByHand::new(config(), 0.5e-3, None);
+    assert!(hand.sequencer.cancel(at(1.0), hand.id));
+    hand.courier(1.1, STAND.into(), false);
+    let refused = hand.sequencer.purge(at(1.2), Duration::from_secs(3));
+    assert_eq!(refused, Err(Refusal::NotIdle(Phase::Idle)));
 }
 
 #[test]

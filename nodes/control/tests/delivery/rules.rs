@@ -1,12 +1,18 @@
 //! The sequencer's rules one by one, with reports made by hand: what it must not act on, and when.
 
+use std::f64::consts::TAU;
 use std::time::Duration;
 
-use feeder_control::delivery::{CandidateFrame, DeliveryConfig, Failure, HandOver, MoveId, Output, Refusal};
-use nalgebra::{Vector2, Vector3};
+use feeder_control::courier::CourierLimits;
+use feeder_control::delivery::{
+    CandidateFrame, DeliveryConfig, DeliverySequencer, Failure, HandOver, MoveId, Output, Refusal, ReserveId,
+};
+use feeder_model::motor::Load;
+use feeder_model::tray::TrayGeometry;
+use nalgebra::Vector2;
 
 use crate::by_hand::{ByHand, PART_M, STAND, at};
-use crate::world::{asking, config};
+use crate::world::{asking, config, washer};
 
 #[test]
 fn parts_are_chosen_from_a_picture_taken_after_they_settled() {
@@ -77,6 +83,27 @@ fn feeding_lasts_its_shortest_time_though_a_part_lies_right() {
     }
     assert!(stopped_s.is_some_and(|s| (s - 1.20 - config().feed_s_min).abs() < 0.11), "{stopped_s:?}");
     assert!(stopped_s.is_some_and(|s| s > 1.20 + config().feed_s_min - 1e-9), "{stopped_s:?}");
+}
+
+#[test]
+fn for_a_part_that_would_go_over_the_drop_off_feeding_does_not_stop_however_often_its_picture_is_looked_at() {
+    let mut hand = ByHand::new(config(), 0.5e-3, None);
+    hand.step(1.06);
+    for s in [1.10, 1.20] {
+        hand.see(s, &[]);
+        hand.step(s);
+    }
+    let (radius_m, rate_rad_s) = (0.07_f64, 0.2);
+    for frame in 1..=7 {
+        let s = 1.20 + 0.1 * f64::from(frame);
+        // From the shortest feeding on, it would come to the edge before the tray is at rest.
+        let left_rad = rate_rad_s * (1.20 + config().feed_s_min + 0.9 * config().stop_drift_s - s);
+        let angle_rad = TAU - (washer(1, Vector2::zeros()).radius_m / radius_m).asin() - left_rad;
+        hand.see(s, &[[radius_m * angle_rad.cos(), radius_m * angle_rad.sin()]]);
+        for later_s in [0.0, 0.01, 0.02] {
+            assert!(!hand.step(s + later_s).contains(&Output::Feed(false)), "{s}");
+        }
+    }
 }
 
 #[test]
@@ -178,4 +205,49 @@ fn each_report_of_a_hand_over_has_a_time_of_its_own() {
     hand.presents(2.0);
     assert_eq!(hand.ends(2.0 + timeout_s - 0.1).0, None);
     assert_eq!(hand.ends(2.0 + timeout_s).0, Some(Err(Failure::NoHandOver)));
+}
+
+#[test]
+fn a_station_is_served_where_the_plateau_reaches_it_and_the_ramp_does_not_count() {
+    // The courier's bounds are at 0.5 m, the tray's rim is at 90 mm, and its half towards −y is the plateau.
+    let places_m = [([0.58, -0.01], true), ([-0.58, -0.01], true), ([0.0, -0.58], true), ([0.0, 0.58], false)];
+    for (place_m, is_served) in places_m {
+        let config = DeliveryConfig { stations_m: [("right".to_owned(), place_m.into())].into(), ..config() };
+        let (tray, limits) = (TrayGeometry::PAPER, CourierLimits::default());
+        let mut sequencer = DeliverySequencer::new(config, tray, limits, Load::default()).unwrap();
+        let asked = sequencer.request(at(0.0), asking("right", 1e-3));
+        assert_eq!(asked.is_ok(), is_served, "{place_m:?}: {asked:?}");
+        assert!(is_served || matches!(asked, Err(Refusal::Blocked { .. })), "{asked:?}");
+    }
+}
+
+#[test]
+fn the_area_of_a_trip_is_asked_for_until_all_its_hand_overs_have_had_their_time_and_with_room_to_spare() {
+    let granted = |lease: &str| Ok((lease.to_owned(), at(1e5)));
+    for stops in [1, 2] {
+        let mut hand = ByHand::new(DeliveryConfig { arbitrated: true, ..config() }, 0.5e-3, None);
+        let mut parts_m = vec![PART_M];
+        if stops == 2 {
+            hand.sequencer.request(at(1.0), asking("left", 0.5e-3)).unwrap();
+            parts_m.push([-0.05, -0.05]);
+        }
+        hand.sequencer.area_answered(ReserveId(1), granted("parking"));
+        hand.step(1.0);
+        hand.step(1.06);
+        hand.see(1.08, &parts_m);
+        let asked = hand.step(1.1).into_iter().find_map(|output| match output {
+            Output::Reserve { parked: false, duration, area, .. } => Some((duration.as_secs_f64(), area)),
+            _ => None,
+        });
+        let (asked_s, area) = asked.unwrap();
+        // Beside them each move may take its grace longer than its second or so, and the trip once more.
+        let hand_overs_s = f64::from(stops) * 2.0 * config().hand_over_timeout_s;
+        let moves_s = f64::from(stops + 1) * (config().move_grace_s + 1.0) + config().move_grace_s;
+        let beside_s = asked_s - hand_overs_s;
+        assert!((moves_s - 2.0..moves_s + 2.0).contains(&beside_s), "{beside_s}, {moves_s}");
+        // It covers courier and tray wherever control lets them be: corners are cut where there are some.
+        let cut_m = if stops == 1 { 0.0 } else { config().corner_m };
+        let radius_m = config().footprint_radius_m + cut_m + DeliverySequencer::TRACKING_M;
+        assert!((area.radius_m - radius_m).abs() < 1e-12, "{}", area.radius_m);
+    }
 }
