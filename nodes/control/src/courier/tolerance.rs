@@ -52,3 +52,28 @@ fn filled(tolerance: &'static str, asked: &Vector3<f64>, default: &Vector3<f64>)
 pub(super) fn violation(error: &Vector3<f64>, allowed: &Vector3<f64>) -> Option<usize> {
     (0..3).find(|&axis| error[axis].abs() > allowed[axis])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_asked_is_the_drivers_own_tolerance_and_less_than_nothing_is_none() {
+        let config = CourierConfig::default();
+        let (m, rad) = (config.goal_tolerance_m, config.goal_tolerance_rad);
+        let all = Vector3::repeat;
+        for (goal_time_s, position, expected) in [
+            (0.0, 0.0, (config.goal_time_tolerance_s, Vector3::new(m, m, rad))),
+            (0.2, 1e-3, (0.2, all(1e-3))),
+            // For ever is as long as a trajectory may be.
+            (-1.0, -1.0, (600.0, all(f64::INFINITY))),
+            (1e9, 1.0, (600.0, all(1.0))),
+        ] {
+            let asked = Tolerances { goal_time_s, goal_position: all(position), ..Tolerances::default() };
+            let allowed = resolve(&asked, &config).unwrap();
+            assert_eq!((allowed.goal_time_s, allowed.goal_position), expected);
+            // Of the way nothing is asked unless a client does.
+            assert_eq!(allowed.path_position, all(f64::INFINITY));
+        }
+    }
+}
