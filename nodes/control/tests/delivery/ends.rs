@@ -139,3 +139,15 @@ fn an_area_granted_after_its_request_was_given_up_goes_back_at_once() {
     assert!(outputs.contains(&Output::Release("trip".into())), "{outputs:?}");
     assert_eq!(hand.sequencer.phase(), Phase::Idle);
 }
+
+#[test]
+fn a_failed_return_is_tried_again_after_its_wait_and_not_before() {
+    let (mut hand, _) = ByHand::departed(config(), 0.5e-3, None);
+    assert!(hand.sequencer.cancel(at(1.5), hand.id));
+    hand.courier(1.6, STAND.into(), false);
+    let home = hand.departs(1.6).unwrap();
+    hand.sequencer.move_ended(home, Err("the driver is busy".into()));
+    assert_eq!(hand.departs(2.0), None);
+    assert_eq!(hand.departs(2.0 + 0.9 * config().retry_s), None);
+    assert!(hand.departs(2.0 + 1.1 * config().retry_s).is_some());
+}

@@ -8,4 +8,5 @@ mod moves;
 mod rules;
 mod sequences;
 mod shared_platen;
+mod ways;
 mod world;

@@ -5,8 +5,10 @@ use std::time::Duration;
 
 use feeder_control::courier::CourierLimits;
 use feeder_control::delivery::{
-    CandidateFrame, DeliveryConfig, DeliverySequencer, Failure, HandOver, MoveId, Output, Refusal, ReserveId,
+    CandidateFrame, CourierReport, DeliveryConfig, DeliverySequencer, Failure, FeedRate, HandOver, MoveId, OfferedPart,
+    Output, Phase, Refusal, Warning,
 };
+use feeder_control::platen::Area;
 use feeder_model::motor::Load;
 use feeder_model::tray::TrayGeometry;
 use nalgebra::Vector2;
@@ -210,44 +212,82 @@ fn each_report_of_a_hand_over_has_a_time_of_its_own() {
 #[test]
 fn a_station_is_served_where_the_plateau_reaches_it_and_the_ramp_does_not_count() {
     // The courier's bounds are at 0.5 m, the tray's rim is at 90 mm, and its half towards −y is the plateau.
-    let places_m = [([0.58, -0.01], true), ([-0.58, -0.01], true), ([0.0, -0.58], true), ([0.0, 0.58], false)];
-    for (place_m, is_served) in places_m {
-        let config = DeliveryConfig { stations_m: [("right".to_owned(), place_m.into())].into(), ..config() };
+    let asked = |place_m: [f64; 2], keep_out: Vec<Area>| {
+        let stations_m = [("right".to_owned(), place_m.into())].into();
+        let config = DeliveryConfig { stations_m, keep_out, ..config() };
         let (tray, limits) = (TrayGeometry::PAPER, CourierLimits::default());
         let mut sequencer = DeliverySequencer::new(config, tray, limits, Load::default()).unwrap();
-        let asked = sequencer.request(at(0.0), asking("right", 1e-3));
-        assert_eq!(asked.is_ok(), is_served, "{place_m:?}: {asked:?}");
-        assert!(is_served || matches!(asked, Err(Refusal::Blocked { .. })), "{asked:?}");
+        sequencer.request(at(0.0), asking("right", 1e-3))
+    };
+    for place_m in [[0.58, -0.01], [-0.58, -0.01], [0.0, -0.58]] {
+        assert!(asked(place_m, Vec::new()).is_ok(), "{place_m:?}");
     }
+    assert!(matches!(asked([0.0, 0.58], Vec::new()), Err(Refusal::Blocked { .. })));
+    // A thin post under the tool keeps the courier off by its own 0.1 m, which is more than the plateau bridges.
+    let post = Area::disc(Vector2::new(0.3, 0.1), 0.02);
+    assert!(matches!(asked([0.3, 0.1], vec![post]), Err(Refusal::Blocked { .. })));
 }
 
 #[test]
-fn the_area_of_a_trip_is_asked_for_until_all_its_hand_overs_have_had_their_time_and_with_room_to_spare() {
-    let granted = |lease: &str| Ok((lease.to_owned(), at(1e5)));
-    for stops in [1, 2] {
-        let mut hand = ByHand::new(DeliveryConfig { arbitrated: true, ..config() }, 0.5e-3, None);
-        let mut parts_m = vec![PART_M];
-        if stops == 2 {
-            hand.sequencer.request(at(1.0), asking("left", 0.5e-3)).unwrap();
-            parts_m.push([-0.05, -0.05]);
-        }
-        hand.sequencer.area_answered(ReserveId(1), granted("parking"));
-        hand.step(1.0);
-        hand.step(1.06);
-        hand.see(1.08, &parts_m);
-        let asked = hand.step(1.1).into_iter().find_map(|output| match output {
-            Output::Reserve { parked: false, duration, area, .. } => Some((duration.as_secs_f64(), area)),
+fn who_asks_is_told_a_time_at_which_his_part_may_come() {
+    let mut hand = ByHand::new(config(), 0.5e-3, None);
+    hand.step(1.06);
+    hand.see(1.10, &[]);
+    hand.step(1.10);
+    hand.see(1.20, &[]);
+    let expected_s = |outputs: Vec<Output>, of: Phase| {
+        outputs.into_iter().find_map(|output| match output {
+            Output::Phase { phase, presented_at, .. } if phase == of => presented_at.map(|at| at.as_secs_f64()),
             _ => None,
-        });
-        let (asked_s, area) = asked.unwrap();
-        // Beside them each move may take its grace longer than its second or so, and the trip once more.
-        let hand_overs_s = f64::from(stops) * 2.0 * config().hand_over_timeout_s;
-        let moves_s = f64::from(stops + 1) * (config().move_grace_s + 1.0) + config().move_grace_s;
-        let beside_s = asked_s - hand_overs_s;
-        assert!((moves_s - 2.0..moves_s + 2.0).contains(&beside_s), "{beside_s}, {moves_s}");
-        // It covers courier and tray wherever control lets them be: corners are cut where there are some.
-        let cut_m = if stops == 1 { 0.0 } else { config().corner_m };
-        let radius_m = config().footprint_radius_m + cut_m + DeliverySequencer::TRACKING_M;
-        assert!((area.radius_m - radius_m).abs() < 1e-12, "{}", area.radius_m);
+        })
+    };
+    // One fitting part every two seconds, 0.6 s to stop and to look, and a move of less than a second.
+    let feeding_s = expected_s(hand.step(1.20), Phase::Feeding).unwrap();
+    assert!((4.0..4.8).contains(&feeding_s), "{feeding_s}");
+    hand.see(1.80, &[PART_M]);
+    let stopping_s = expected_s(hand.step(1.80), Phase::Stopping).unwrap();
+    assert!((2.3..2.5).contains(&stopping_s), "{stopping_s}");
+}
+
+#[test]
+fn an_empty_plateau_is_one_of_which_several_pictures_show_nothing() {
+    let mut hand = ByHand::new(config(), 0.5e-3, None);
+    assert!(hand.sequencer.cancel(at(1.0), hand.id));
+    hand.see(1.05, &[]);
+    hand.sequencer.purge(at(1.1), Duration::from_secs(9)).unwrap();
+    let purged = |outputs: Vec<Output>| outputs.contains(&Output::Purged(Ok(())));
+    // However often it is looked at: one from before, and four since.
+    for frame in 0..=4 {
+        hand.see(1.1 + 0.1 * f64::from(frame), &[]);
+        for later in 1..=9 {
+            assert!(!purged(hand.step(1.1 + 0.1 * f64::from(frame) + 0.01 * f64::from(later))), "{frame}");
+        }
     }
+    hand.see(1.6, &[]);
+    assert!(purged(hand.step(1.6)));
+}
+
+#[test]
+fn parts_that_move_otherwise_than_the_waveform_should_move_them_are_told_once() {
+    let mut hand = ByHand::new(config(), 0.5e-3, None);
+    hand.sequencer.expect_feed(vec![FeedRate { radius_m: 0.07, rate_rad_s: 0.2 }], None);
+    hand.step(1.06);
+    for s in [1.10, 1.20] {
+        hand.see(s, &[]);
+        hand.step(s);
+    }
+    let mut told = 0;
+    for frame in 1..=100 {
+        let s = 1.20 + 0.1 * f64::from(frame);
+        let position = config().feeding_place;
+        hand.sequencer.courier(CourierReport { stamp: at(s), position, vibrating: true, moving: false });
+        // Half as fast as it should, in a pose nobody asked for, so that feeding goes on.
+        let angle_rad = 3.5 + 0.1 * f64::from(frame) * 0.1;
+        let place_m = Vector2::new(angle_rad.cos(), angle_rad.sin()) * 0.07;
+        let part = OfferedPart { pose_class: None, ..washer(1, place_m) };
+        hand.sequencer.candidates(CandidateFrame { stamp: at(s), candidates: vec![part], is_blind: false });
+        let is_told = |output: &&Output| matches!(output, Output::Warning(Warning::FeedOff { ratio }) if *ratio < 0.6);
+        told += hand.step(s).iter().filter(is_told).count();
+    }
+    assert_eq!(told, 1);
 }
