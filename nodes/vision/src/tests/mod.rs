@@ -149,9 +149,16 @@ fn a_blank_picture_stops_selection_and_a_good_one_resumes_it() {
     }
     let after = selector.process(0.3, &good, &pose).unwrap();
     assert_eq!(ids(&before), ids(&after));
+    // Parts that no picture has shown for longer are forgotten, also where there was nothing to look at.
+    for index in 0..=selector.config.tracker.missed_max {
+        let blank = GrayImage::from_pixel(640, 480, Luma([0]));
+        selector.process(0.4 + 0.1 * f64::from(index), &blank, &pose).unwrap_err();
+    }
+    let later = selector.process(2.0, &good, &pose).unwrap();
+    assert!(later.len() == 2 && ids(&later).iter().all(|id| !ids(&before).contains(id)));
     // Uniform grey is an empty plateau as far as anyone can see.
     let grey = GrayImage::from_pixel(640, 480, Luma([128]));
-    assert_eq!(selector.process(0.4, &grey, &pose), Ok(Vec::new()));
+    assert_eq!(selector.process(2.1, &grey, &pose), Ok(Vec::new()));
 }
 
 #[test]
