@@ -183,5 +183,11 @@ startKeys({
   "3": () => byId("tray-views").children[2].click(),
 });
 // For tests, and for whoever looks in the console.
-globalThis.feeder = { playback, tray };
+globalThis.feeder = {
+  playback,
+  tray,
+  get status() {
+    return status;
+  },
+};
 requestAnimationFrame(draw);

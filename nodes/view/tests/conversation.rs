@@ -270,7 +270,6 @@ fn controls_that_cannot_be_are_refused_with_the_reason() {
         (json!({ "name": "speed", "arguments": { "speed": -1 } }), "allowed are 0.001 to 1000"),
         (json!({ "name": "load_parts", "arguments": { "count": 101 } }), "whole numbers from 1 to 100"),
         (json!({ "name": "set_waveform", "arguments": { "scale": 3.99 } }), "scale = 3.99"),
-        (json!({ "name": "reset" }), "no reset"),
         (json!({ "name": "fly" }), "\"fly\" is no control"),
         (json!({ "name": "cancel" }), "no delivery"),
         (json!({ "name": "load_parts", "feeder": "bird" }), "bird"),
