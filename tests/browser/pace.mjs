@@ -5,19 +5,14 @@
 // PAGE is the address that `feeder up --view` prints. A line for every 5 s: frames heard and pictures of the tray drawn each
 // second, the time between two pictures, what the page's own script takes for one, and how finely it draws.
 import { setTimeout as sleep } from "node:timers/promises";
-import { chromium } from "playwright-core";
+import { launch, until } from "./chromium.mjs";
 
 const [url, seconds = "20"] = process.argv.slice(2);
 const SLICE_MS = 5000;
-const browser = await chromium.launch({
-  executablePath: "/usr/bin/chromium",
-  args: ["--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--disable-background-networking"],
-});
+const browser = await launch();
 const page = await browser.newPage({ viewport: { width: 1280, height: 900 } });
 await page.goto(url);
-while (!(await page.evaluate("globalThis.feeder?.playback.newest?.time_s > 0"))) {
-  await sleep(100);
-}
+await until(page, "globalThis.feeder?.playback.newest?.time_s > 0");
 await page.evaluate(() => {
   const { playback, tray } = globalThis.feeder;
   globalThis.counted = { heard: 0, gapsMs: [], drawMs: [] };

@@ -11,7 +11,7 @@ import { execFileSync } from "node:child_process";
 import { mkdtempSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
-import { chromium } from "playwright-core";
+import { launch, until } from "./chromium.mjs";
 
 const [what, url, folder, fromS, seconds] = process.argv.slice(2);
 const FRAME_MS = 40;
@@ -25,17 +25,8 @@ const STILLS = [
   { name: "page-help", theme: "light", width: 1200, height: 900, then: "document.getElementById('help-open').click()" },
 ];
 
-const browser = await chromium.launch({
-  executablePath: "/usr/bin/chromium",
-  args: ["--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--disable-background-networking"],
-});
+const browser = await launch();
 const work = mkdtempSync(join(tmpdir(), "page-"));
-
-async function until(page, js) {
-  while (!(await page.evaluate(js))) {
-    await new Promise((resolve) => setTimeout(resolve, 20));
-  }
-}
 
 async function open(theme, width, height) {
   const page = await browser.newPage({ viewport: { width, height }, colorScheme: theme });

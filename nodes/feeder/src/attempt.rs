@@ -111,8 +111,8 @@ pub(crate) fn attempt(
     }
     let clock_digest = Digest::new(digest_dir.as_deref(), &CLOCK.name_in(""), &contract.shared_topics);
     let mut clock = ClockRunner::open(participant, &contract, hub.as_ref(), clock, clock_digest)?;
-    clock.offer_reset(participant, args.recording.record.is_some().then_some(RECORDED))?;
     if let Some(socket) = record_to {
+        clock.refuse_reset(RECORDED);
         clock.record_to(socket, &contract).context("cannot record /clock")?;
     }
     let address = shown.and_then(feeder_view::View::url);

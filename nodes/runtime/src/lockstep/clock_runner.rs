@@ -63,14 +63,13 @@ pub struct ClockRunner {
     tap: Option<Tap>,
     made_at: Instant,
     orders: Receiver<Order>,
-    order: Sender<Order>,
     step_ticks: u64,
     /// Why the run cannot be started again.
     reset_refusal: Option<&'static str>,
     /// The run ends because it is to be started again.
     is_reset: bool,
-    /// What serves the orders.
-    servers: Vec<Server>,
+    _step: Server,
+    _reset: Server,
     _housekeeping: Housekeeping,
 }
 
@@ -190,7 +189,10 @@ impl ClockRunner {
             // A closed inbox belongs to a run that is over; its caller gets no answer.
             move |_, responder| _ = sender.send(Order::Step(responder))
         });
-        let order = sender.clone();
+        let reset = participant.serve_later::<Trigger>(&format!("{}/{RESET}", participant.node()), {
+            let sender = sender.clone();
+            move |_, responder| _ = sender.send(Order::Reset(responder))
+        });
         let accept = move |changes: &[(String, Value)]| {
             for (name, value) in changes {
                 let order = match (name.as_str(), value) {
@@ -218,11 +220,11 @@ impl ClockRunner {
             tap: None,
             made_at: Instant::now(),
             orders,
-            order,
             step_ticks: 1,
             reset_refusal: None,
             is_reset: false,
-            servers: vec![step?],
+            _step: step?,
+            _reset: reset?,
             _housekeeping: housekeeping,
         })
     }
@@ -237,18 +239,9 @@ impl ClockRunner {
         Ok(())
     }
 
-    /// Offers a service that ends the run so that it can be started again, or says why it cannot.
-    ///
-    /// # Errors
-    /// [`RunError`] when DDS refuses the service.
-    pub fn offer_reset(&mut self, participant: &Participant, refusal: Option<&'static str>) -> Result<(), RunError> {
-        let order = self.order.clone();
-        let reset = participant.serve_later::<Trigger>(&format!("{}/{RESET}", participant.node()), {
-            move |_, responder| _ = order.send(Order::Reset(responder))
-        });
-        self.reset_refusal = refusal;
-        self.servers.push(reset?);
-        Ok(())
+    /// Refuses to end the run so that it can be started again, for this reason.
+    pub fn refuse_reset(&mut self, reason: &'static str) {
+        self.reset_refusal = Some(reason);
     }
 
     /// Whether the run has ended because it is to be started again.
@@ -351,8 +344,8 @@ impl ClockRunner {
                     responder.send(&TriggerResponse { success, message: message.to_owned() });
                 }
                 Order::Reset(responder) => {
-                    let begun = if self.clock.started_at().is_some() { None } else { Some("the run has not begun") };
-                    let refusal = self.reset_refusal.or(begun);
+                    let not_begun = self.clock.started_at().is_none().then_some("the run has not begun");
+                    let refusal = self.reset_refusal.or(not_begun);
                     responder.send(&TriggerResponse {
                         success: refusal.is_none(),
                         message: refusal.unwrap_or_default().to_owned(),
