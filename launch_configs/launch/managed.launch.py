@@ -11,6 +11,8 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, This
 # In the order in which they become active: the courier stands still until the planner asks for something.
 MANAGED = ["part_simulator", "courier_driver", "waveform_generator", "vision_selector", "delivery_planner"]
 AGENTS = ["overhead_manipulator"]
+# How often a transition is tried before the node is given up; a try takes a second or more.
+TRIES_MAX = 30
 
 
 def start(name, *ros_args):
@@ -19,9 +21,16 @@ def start(name, *ros_args):
 
 
 def lead(name, transition):
-    """Waits until the node is there, and makes the transition."""
+    """Makes the transition as soon as the node is there, and gives up when it does not come."""
     node = f"/feeder/{name}"
-    command = f"until ros2 lifecycle get {node} >/dev/null 2>&1; do sleep 0.2; done; ros2 lifecycle set {node} {transition}"
+    command = f"""
+        trap 'exit 130' INT TERM
+        for _ in $(seq {TRIES_MAX}); do
+          ros2 lifecycle set {node} {transition} && exit
+          sleep 0.2
+        done
+        echo {node} has not come up
+        exit 1"""
     return ExecuteProcess(name=f"{transition}_{name}", cmd=["bash", "-c", command], output="screen")
 
 
