@@ -110,7 +110,7 @@ fn hear_transitions(here: &Participant, node: &str) -> (Reader, Receiver<Transit
     (reader.unwrap(), heard)
 }
 
-fn state(here: &Participant, node: &str) -> String {
+pub(crate) fn state(here: &Participant, node: &str) -> String {
     let client = here.service_client::<GetState>(&format!("{FEEDER}/{node}/get_state")).unwrap();
     client.call(&GetStateRequest::default(), PATIENCE).wait().unwrap().current_state.label
 }

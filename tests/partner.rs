@@ -1,16 +1,24 @@
 //! Another agent's view of the protocol: a partner in Python, with Cyclone DDS and without our crates, at a station of its
 //! own.
 
+use std::sync::mpsc::channel;
 use std::time::Duration;
 
+use feeder_runtime::dds::{Participant, Qos};
 use feeder_scenario::{Recipe, Scenario};
-use minifactory_msgs::action::DeliverPartResult;
+use feeder_wire::services;
+use minifactory_msgs::action::{DeliverPart, DeliverPartFeedback, DeliverPartGoal, DeliverPartResult};
 use minifactory_msgs::action_msgs::msg::GoalStatus;
+use minifactory_msgs::action_msgs::srv::{CancelGoal, CancelGoalRequest, CancelGoalResponse};
 use minifactory_msgs::msg::{DeliveryState, FeederState};
-use minifactory_msgs::srv::ReserveAreaResponse;
+use minifactory_msgs::srv::{ReportHandoverRequest, ReserveAreaResponse};
+use minifactory_msgs::unique_identifier_msgs::msg::UUID;
+use minifactory_msgs::{Action, Message};
+use rustix::process::Signal;
 use serde_json::{Value, json};
 
-use crate::common::{Up, python};
+use crate::common::{FEEDER, Up, python, wait_for};
+use crate::wall_clock::{call, participant};
 
 /// Wall time after which the agent gives up.
 const PATIENCE: Duration = Duration::from_secs(400);
@@ -33,7 +41,7 @@ fn an_agent_without_our_crates_takes_parts_and_learns_why_not() {
     let pose = part.wanted_pose_names().next().unwrap();
     let report: Value = run.seen_by("partner_agent.py", PATIENCE, &["--pose", pose]);
 
-    assert_eq!(report["version"], "3.0");
+    assert_eq!(report["version"], "3.1");
     assert_eq!(report["stations"], json!(["station_1"]));
     for (what, accepted) in report["refused"].as_object().unwrap() {
         assert_eq!(accepted, false, "{what} was accepted");
@@ -89,4 +97,44 @@ fn an_agent_without_our_crates_takes_parts_and_learns_why_not() {
     for state in [FeederState::EXECUTE, FeederState::SUSPENDED] {
         assert!(states.contains(&json!(state)), "{state} not in {states:?}");
     }
+}
+
+/// Every process has a DDS participant of its own.
+#[test]
+fn a_delivery_belongs_to_the_process_that_asked_for_it() {
+    const GOAL: UUID = UUID { uuid: [7; 16] };
+    let run = Up::new("--duration 86400 --speed 1 --composed").start();
+    let (owner, other) = (participant(run.domain()), participant(run.domain()));
+    let action = format!("{}/_action", services::DELIVER_PART.name_in(FEEDER));
+    let (sender, fed_back) = channel();
+    let dds_type = <<DeliverPart as Action>::FeedbackMessage as Message>::INFO.dds_type();
+    let _reader = owner.reader(&format!("{action}/feedback"), &dds_type, &Qos::command(), move |sample| {
+        // A closed channel belongs to a test that has seen enough.
+        let _ = sender.send(sample.decode::<<DeliverPart as Action>::FeedbackMessage>().unwrap());
+    });
+    let send = owner.service_client::<<DeliverPart as Action>::SendGoal>(&format!("{action}/send_goal")).unwrap();
+    let wanted = DeliverPartGoal { station: "station_1".into(), tolerance_m: 0.001, ..DeliverPartGoal::default() };
+    let (accepted, _): (bool, _) = send.call(&(GOAL, wanted).into(), PATIENCE).wait().unwrap().into();
+    assert!(accepted, "{}", run.stderr());
+    let delivery_id = wait_for("the delivery's name", || {
+        let all = fed_back.try_iter().map(Into::<(UUID, DeliverPartFeedback)>::into);
+        all.filter(|(goal, _)| *goal == GOAL).map(|(_, feedback)| feedback.delivery_id).last()
+    });
+
+    let cancel = |who: &Participant| {
+        let client = who.service_client::<CancelGoal>(&format!("{action}/cancel_goal")).unwrap();
+        let mut request = CancelGoalRequest::default();
+        request.goal_info.goal_id = GOAL;
+        let answer = client.call(&request, PATIENCE).wait().unwrap();
+        (answer.return_code, answer.goals_canceling.len())
+    };
+    let report = ReportHandoverRequest { delivery_id, sequence: 1, ..ReportHandoverRequest::default() };
+    let refused = call(&other, &services::REPORT_HANDOVER, &report);
+    assert!(!refused.accepted && refused.message.contains("another client"), "{refused:?}");
+    let too_soon = call(&owner, &services::REPORT_HANDOVER, &report);
+    assert!(!too_soon.accepted && !too_soon.message.contains("another client"), "{too_soon:?}");
+    assert_eq!(cancel(&other), (CancelGoalResponse::ERROR_REJECTED, 0));
+    assert_eq!(cancel(&owner), (CancelGoalResponse::ERROR_NONE, 1));
+    run.process().signal(Signal::INT);
+    assert!(run.outcome().status.success());
 }

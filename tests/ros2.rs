@@ -2,7 +2,8 @@
 //! that is installed of the two that matter. Prints what was tried, with the command.
 //!
 //! Not part of the plain test command, as few machines have a ROS 2:
-//! `cargo test -p feeder_tests --test ros2`, in a shell that has sourced one with `minifactory_msgs` built (colcon, `msgs/`).
+//! `cargo test -p feeder_tests --test ros2`, in a shell that has sourced one with `minifactory_msgs` (colcon, `msgs/`)
+//! and `simulation_interfaces` 2.1.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -118,7 +119,7 @@ fn checks(python: &str) -> Vec<Check> {
         check(Look, "topic info", "ros2 topic info -v /rosout", &["Lifespan: 10000000000 nanoseconds"]),
         check(Look, "topic type", "ros2 topic type /feeder/factsheet", &["minifactory_msgs/msg/Factsheet"]),
         check(Look, "topic find", "ros2 topic find sensor_msgs/msg/JointState", &["/feeder/joint_states"]),
-        check(Look, "topic echo, latched", "ros2 topic echo --once /feeder/factsheet", &["protocol_version: '3.0'"]),
+        check(Look, "topic echo, latched", "ros2 topic echo --once /feeder/factsheet", &["protocol_version: '3.1'"]),
         check(Look, "topic echo", "ros2 topic echo --once /feeder/joint_states", &["position:"]),
         check(Look, "topic echo, large", "ros2 topic echo --once --field height /feeder/camera/image_raw", &["\n---"]),
         check(Stopped, "topic hz", "ros2 topic hz /feeder/camera/image_raw/compressed", &["average rate"]),
@@ -207,6 +208,9 @@ fn checks(python: &str) -> Vec<Check> {
             &format!("ros2 param set {selector} {confidence} 7.0 2>&1 || true"),
             &["Setting parameter failed"],
         ),
+    ]);
+    checks.extend(simulation_checks());
+    checks.extend([
         check(Look, "interface show", "ros2 interface show minifactory_msgs/action/DeliverPart", &["string station"]),
         check(Look, "interface list", "ros2 interface list", &["minifactory_msgs/msg/Factsheet"]),
         check(Look, "doctor", "ros2 doctor", &["checks passed"]),
@@ -223,15 +227,32 @@ fn checks(python: &str) -> Vec<Check> {
         check(Act, "launch, XML", &launch("feeder", "xml", "duration:=2 speed:=max"), &["simulated time"]),
         check(Act, "launch, YAML", &launch("feeder", "yaml", "duration:=2 speed:=max"), &["simulated time"]),
         check(Act, "launch, Python", &launch("feeder", "py", "duration:=2 speed:=max"), &["simulated time"]),
-        check(Stopped, "launch, managed", &launch("managed", "py", ""), &["Transitioning successful", "activate_delivery"]),
-        check(Act, "launch, refused", &launch("feeder", "xml", "scenario:=/nowhere.yaml"), &["cannot read /nowhere.yaml"]),
+        check(
+            Stopped,
+            "launch, managed",
+            &launch("managed", "py", ""),
+            &["Transitioning successful", "[activate_delivery_planner-16]: process has finished cleanly"],
+        ),
+        check(
+            Act,
+            "launch, refused",
+            &launch("feeder", "xml", "scenario:=/nowhere.yaml"),
+            &["cannot read /nowhere.yaml"],
+        ),
         check(
             Act,
             "package, built",
             "cd {work} && colcon build --base-paths {launch}/.. --cmake-args -DFEEDER_COMMAND=$(command -v feeder)",
             &["1 package finished"],
         ),
-        check(Act, "package, ros2 run", &package("ros2 run minifactory_feeder feeder check"), &["ok"]),
+        check(
+            Act,
+            "package, ros2 run",
+            &package(
+                "ros2 run minifactory_feeder feeder check $(ros2 pkg prefix --share minifactory_feeder)/default.yaml",
+            ),
+            &["ok"],
+        ),
         check(
             Act,
             "package, launched",
@@ -243,6 +264,59 @@ fn checks(python: &str) -> Vec<Check> {
         check(Act, "bag play of it", "ros2 bag play {work}/ours --topics /feeder/waveform", &[]),
     ]);
     checks
+}
+
+/// A simulator as `simulation_interfaces` has it.
+fn simulation_checks() -> Vec<Check> {
+    use End::{Act, Look, Stopped};
+    let call = |end, feature: &str, name: &str, kind: &str, request: &str, said: &[&str]| {
+        check(end, feature, &format!("ros2 service call {name} simulation_interfaces/srv/{kind} '{request}'"), said)
+    };
+    let set = |feature: &str, state: u8, said: &str| {
+        let request = format!("{{state: {{state: {state}}}}}");
+        call(Act, feature, "/set_simulation_state", "SetSimulationState", &request, &[said])
+    };
+    let steps = "ros2 action send_goal --feedback /simulate_steps simulation_interfaces/action/SimulateSteps";
+    let to = |x: f64, y: f64| format!("header: {{frame_id: feeder/tray}}, pose: {{position: {{x: {x}, y: {y}}}}}");
+    let spawn = format!("{{name: mine, entity_resource: {{uri: grommet}}, initial_pose: {{{}}}}}", to(0.017, -0.0575));
+    let moved = format!("{{entity: mine, set_pose: true, state: {{{}}}}}", to(0.038, -0.0464));
+    let entity = |feature: &str, name: &str, kind: &str, request: &str, said: &[&str]| {
+        call(Act, &format!("simulation, entity {feature}"), name, kind, request, said)
+    };
+    vec![
+        call(Look, "simulation, features", "/get_simulator_features", "GetSimulatorFeatures", "{}", &["31, 32, 33"]),
+        call(Look, "simulation, state", "/get_simulation_state", "GetSimulationState", "{}", &["state=1"]),
+        call(Act, "simulation, step refused", "/step_simulation", "StepSimulation", "{steps: 1}", &["not paused"]),
+        set("simulation, pause", 2, "result=1,"),
+        set("simulation, pause again", 2, "result=101"),
+        call(Act, "simulation, step", "/step_simulation", "StepSimulation", "{steps: 10}", &["result=1"]),
+        check(Act, "simulation, steps", &format!("{steps} '{{steps: 50}}'"), &["completed_steps: 50", "SUCCEEDED"]),
+        check(
+            Stopped,
+            "simulation, steps left by Ctrl-C",
+            &format!("{steps} '{{steps: 100000}}'"),
+            &["Goal accepted", "completed_steps"],
+        ),
+        // Jazzy's ros2 action leaves its goal alone where it is left; being asked to pause ends that.
+        set("simulation, pause in steps", 2, "result=1"),
+        call(Act, "simulation, step after that", "/step_simulation", "StepSimulation", "{steps: 1}", &["result=1,"]),
+        entity("spawnables", "/get_spawnables", "GetSpawnables", "{}", &["uri='grommet'"]),
+        entity("spawn", "/spawn_entity", "SpawnEntity", &spawn, &["result=1,", "entity_name='mine'"]),
+        entity("spawn, refused", "/spawn_entity", "SpawnEntity", &spawn, &["result=101,"]),
+        entity("list", "/get_entities", "GetEntities", "{filters: {filter: ^mine$}}", &["entities=['mine']"]),
+        entity("move", "/set_entity_state", "SetEntityState", &moved, &["result=1,"]),
+        entity("state", "/get_entity_state", "GetEntityState", "{entity: mine}", &["frame_id='platen'"]),
+        entity("info", "/get_entity_info", "GetEntityInfo", "{entity: mine}", &["'plateau'"]),
+        entity("states", "/get_entities_states", "GetEntitiesStates", "{filters: {filter: ^mine$}}", &["['mine']"]),
+        entity("delete", "/delete_entity", "DeleteEntity", "{entity: mine}", &["result=1,"]),
+        entity("unknown", "/delete_entity", "DeleteEntity", "{entity: mine}", &["result=2,"]),
+        set("simulation, stop", 0, "result=1,"),
+        call(Look, "simulation, stopped", "/get_simulation_state", "GetSimulationState", "{}", &["state=0"]),
+        set("simulation, play", 1, "result=1,"),
+        call(Act, "simulation, reset", "/reset_simulation", "ResetSimulation", "{}", &["result=1,"]),
+        call(Look, "simulation, playing again", "/get_simulation_state", "GetSimulationState", "{}", &["state=1"]),
+        call(Act, "simulation, reset in part", "/reset_simulation", "ResetSimulation", "{scope: 1}", &["result=0,"]),
+    ]
 }
 
 /// What is checked against a scenario of its own: the agent's station is the agent's.

@@ -25,6 +25,7 @@ mod pictures;
 mod reference;
 mod release;
 mod shapes;
+mod simulation;
 mod system;
 mod tidy;
 mod top;

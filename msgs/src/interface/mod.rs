@@ -19,6 +19,7 @@ use std::marker::PhantomData;
 use crate::{Action, Message, Service, TypeInfo};
 
 mod qos;
+pub mod simulation;
 pub mod standard;
 
 pub use qos::{Durability, Qos, QosMismatch, Reliability};

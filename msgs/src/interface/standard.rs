@@ -6,11 +6,14 @@ use crate::rcl_interfaces::msg::{Log, ParameterEvent};
 use crate::rosgraph_msgs::msg::Clock;
 
 /// In no namespace.
-const GLOBAL: Namespace = Namespace::Fixed("");
+pub(super) const GLOBAL: Namespace = Namespace::Fixed("");
+
+/// Stands for whoever keeps the time of a run, where a table says who is at an end of something.
+pub const CLOCK_OF_A_RUN: &str = "the clock of a run";
 
 /// Simulated time.
 pub const CLOCK: TopicSpec<Clock> = TopicSpec::new(GLOBAL, "clock", Qos::sensor()).between(
-    &["the clock of a run", "the player of a bag"],
+    &[CLOCK_OF_A_RUN, "the player of a bag"],
     &[User::Outside("every node with use_sim_time, recorders, viewers")],
     "Simulated time, s and ns, once a tick",
 );

@@ -43,11 +43,11 @@ impl DeliveryPlanner {
         for event in self.deliver.poll(io) {
             match event {
                 ServerEvent::Requested(request) => {
-                    let station = request.goal.station.clone();
+                    let (station, owner) = (request.goal.station.clone(), request.participant());
                     match self.request(now, &request.goal) {
                         Ok(id) => {
                             self.said.accepted += 1;
-                            self.deliveries.insert(id, Open { goal: request.id, station });
+                            self.deliveries.insert(id, Open { goal: request.id, station, owner });
                             self.deliver.accept(io, request);
                         }
                         Err(reason) => self.deliver.reject(io, request, &reason),
@@ -62,7 +62,7 @@ impl DeliveryPlanner {
             }
         }
         for (asker, request) in io.requests(&self.ports.handover) {
-            let accepted = self.report_handover(request).map(|()| "");
+            let accepted = self.report_handover(request, asker.participant()).map(|()| "");
             io.reply(&self.ports.handover, asker, &response::to_message(accepted));
         }
         for (asker, request) in io.requests(&self.ports.purge) {
@@ -104,7 +104,7 @@ impl DeliveryPlanner {
         self.sequencer.request(now, request).map_err(|refusal| refusal.to_string())
     }
 
-    fn report_handover(&mut self, request: ReportHandoverRequest) -> Result<(), String> {
+    fn report_handover(&mut self, request: ReportHandoverRequest, reporter: u64) -> Result<(), String> {
         let report = hand_over::from_request(request).map_err(|error| error.to_string())?;
         if let Some(known) = self.reported.iter().find(|known| known.is_numbered_as(&report)) {
             return known.check_same(&report);
@@ -112,6 +112,9 @@ impl DeliveryPlanner {
         let id = deliver_part::number_of(&report.delivery_id)
             .map(DeliveryId)
             .ok_or_else(|| format!("delivery_id = {:?} names no delivery", report.delivery_id))?;
+        if self.deliveries.get(&id).is_some_and(|open| open.owner != reporter) {
+            return Err(format!("{} was asked for by another client", report.delivery_id));
+        }
         if report.hand_over == HandOver::NotTaken {
             tracing::warn!("{} was not taken: {}", report.delivery_id, report.message);
         }

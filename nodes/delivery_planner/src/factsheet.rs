@@ -6,7 +6,7 @@ use minifactory_msgs::geometry_msgs::msg::Point;
 use minifactory_msgs::msg::{Factsheet, Recipe, StationFact};
 
 /// Version of the protocol that `msgs/PROTOCOL.md` describes.
-const PROTOCOL_VERSION: &str = "3.0";
+const PROTOCOL_VERSION: &str = "3.1";
 
 /// The factsheet of a feeder, with its first recipe in force.
 pub(crate) fn of(config: &DeliveryPlannerConfig) -> Factsheet {

@@ -109,6 +109,8 @@ pub struct DeliveryPlanner {
 struct Open {
     goal: GoalId,
     station: String,
+    /// The process that has asked: it alone may report on the delivery.
+    owner: u64,
 }
 
 impl FeederNode for DeliveryPlanner {
@@ -158,7 +160,7 @@ impl FeederNode for DeliveryPlanner {
         Ok(Self {
             ports: ports.plain,
             trajectory: ActionClient::new(ports.trajectory),
-            deliver: ActionServer::new(ports.deliver),
+            deliver: ActionServer::new(ports.deliver).cancelled_by_owners(),
             sequencer,
             courier_active: true,
             parts: config.parts,

@@ -9,12 +9,12 @@ use anyhow::{Context as _, bail};
 use feeder_runtime::dds::Participant;
 use feeder_runtime::digest::{self, Digest};
 use feeder_runtime::launch::{Seat, run_opened};
-use feeder_runtime::lockstep::{ClockError, ClockRunner, Hub, LoopClock, RunEnd, Speed};
+use feeder_runtime::lockstep::{ClockError, ClockRunner, Hub, LoopClock, ResetRefusal, RunEnd, Speed};
 use feeder_runtime::node::{Declare, FeederNode};
 use feeder_scenario::plan::{RunMonitorConfig, RunPlan};
 use feeder_top::Screen;
 use feeder_wire::topics::CLOCK;
-use run_monitor::{Progress, RunMonitor};
+use run_monitor::{Activity, Progress, RunMonitor};
 
 use crate::crew::{Crew, Leave, NodeThread};
 use crate::recording::Recording;
@@ -111,8 +111,9 @@ pub(crate) fn attempt(
     }
     let clock_digest = Digest::new(digest_dir.as_deref(), &CLOCK.name_in(""), &contract.shared_topics);
     let mut clock = ClockRunner::open(participant, &contract, hub.as_ref(), clock, clock_digest)?;
+    let (followed, is_recorded) = (Arc::clone(&progress), record_to.is_some());
+    clock.refuse_reset_for(move || reset_refusal(&followed, is_recorded));
     if let Some(socket) = record_to {
-        clock.refuse_reset(RECORDED);
         clock.record_to(socket, &contract).context("cannot record /clock")?;
     }
     let address = shown.and_then(feeder_view::View::url);
@@ -173,6 +174,19 @@ pub(crate) fn attempt(
     };
     let outcome = outcome();
     Ok(Attempt { ended: Ended { summary, progress, outcome }, again })
+}
+
+/// Why the run cannot be started again: at all, or while somebody has been promised a part that is on its way.
+fn reset_refusal(progress: &Mutex<Progress>, is_recorded: bool) -> Option<ResetRefusal> {
+    if is_recorded {
+        return Some(ResetRefusal::Never(RECORDED.to_owned()));
+    }
+    let progress = progress.lock().unwrap_or_else(PoisonError::into_inner);
+    let is_delivering = |activity| matches!(activity, Activity::Move | Activity::Pick);
+    let delivering = progress.feeders.iter().find(|feeder| is_delivering(feeder.activity))?;
+    let name = &delivering.name;
+    let message = format!("{name} brings a part to a station: ask when that is over, or stop the simulation");
+    Some(ResetRefusal::Now(message))
 }
 
 fn ticks(duration_s: f64, tick_ns: u64) -> u64 {

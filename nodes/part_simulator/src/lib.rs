@@ -5,6 +5,7 @@
 //! While it is not active the parts lie still in the tray, wherever that goes, and nobody sees them.
 
 mod camera;
+mod entities;
 mod markers;
 
 use std::time::Duration;
@@ -26,6 +27,7 @@ use minifactory_msgs::std_msgs::msg::Header;
 use nalgebra::{Isometry2, Point2, Vector2};
 
 use camera::Camera;
+use entities::{Entities, World};
 use markers::Drawing;
 
 /// Largest height of a tool above the plateau at which its gripper reaches a part, m.
@@ -42,6 +44,7 @@ pub struct Ports {
     parts: Publisher<PartStates>,
     events: Publisher<PickEvent>,
     camera: camera::Ports,
+    entities: entities::Ports,
     markers: markers::Ports,
 }
 
@@ -50,6 +53,7 @@ pub struct PartSimulator {
     ports: Ports,
     bulk: PartBulk,
     camera: Camera,
+    entities: Entities,
     drawing: Drawing,
     frame: String,
     plateau_height_m: f64,
@@ -83,6 +87,7 @@ impl FeederNode for PartSimulator {
             parts: io.publisher(&topics::PARTS),
             events: io.publisher(&topics::PICKS),
             camera: camera::Ports::declare(io),
+            entities: entities::Ports::declare(io, &config.entity_namespace),
             markers: markers::Ports::declare(io),
         }
     }
@@ -106,6 +111,7 @@ impl FeederNode for PartSimulator {
             ports,
             bulk,
             camera,
+            entities: Entities::new(config),
             drawing,
             frame: frames::tray(&config.feeder),
             plateau_height_m: config.tray.plateau_height_m(),
@@ -119,6 +125,20 @@ impl FeederNode for PartSimulator {
         &["part"]
     }
 
+    fn attend(&mut self, io: &mut StepIo) {
+        let ready = io.check_active(Self::NAME);
+        for (asker, request) in io.requests(&self.ports.load) {
+            let response = match ready.clone() {
+                Ok(()) => self.load(request.count),
+                Err(message) => LoadPartsResponse { loaded: 0, message },
+            };
+            io.reply(&self.ports.load, asker, &response);
+        }
+        let (stamp_ns, events) = (self.known_until_ns, self.ports.events);
+        let mut world = World { bulk: &mut self.bulk, tray: &self.tray, stamp_ns, events };
+        self.entities.serve(io, &self.ports.entities, &mut world, &ready);
+    }
+
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         for message in io.take(&self.ports.motion) {
             self.move_parts(io, &message)?;
@@ -126,13 +146,7 @@ impl FeederNode for PartSimulator {
         if io.is_active() {
             self.refill();
         }
-        for (asker, request) in io.requests(&self.ports.load) {
-            let response = match io.check_active(Self::NAME) {
-                Ok(()) => self.load(request.count),
-                Err(message) => LoadPartsResponse { loaded: 0, message },
-            };
-            io.reply(&self.ports.load, asker, &response);
-        }
+        self.attend(io);
         for station in 0..self.ports.picks.len() {
             let server = self.ports.picks[station];
             for (asker, request) in io.requests(&server) {
@@ -197,7 +211,7 @@ impl PartSimulator {
             .as_ref()
             .ok()
             .map(|part| TakenPart { id: part.id, resting_pose: u8::try_from(part.pose).unwrap_or(u8::MAX) });
-        let closed = GripperClosed { station: grip.station, tool_in_platen: grip.tool_in_platen, taken };
+        let closed = GripperClosed { station: Some(grip.station), tool_in_platen: grip.tool_in_platen, taken };
         let event = PickEvent { header: io.header(frames::PLATEN), ..pick::to_event(&closed) };
         io.publish(&self.ports.events, &event);
         picked.map(|part| part.id)

@@ -6,7 +6,7 @@ use std::fmt::Display;
 use feeder_model::part::PartType;
 use feeder_runtime::node::{Declare, Publisher, StepIo, Subscriber, ns_of_stamp};
 use feeder_scenario::plan::RunMonitorConfig;
-use feeder_wire::pick::TakenPart;
+use feeder_wire::pick::GripperClosed;
 use feeder_wire::{courier_state, delivery_state, odometry, part_candidates, parts, pick, topics, tray_motion};
 use minifactory_msgs::msg::{
     CourierState, DeliveryState, FeedMetrics, PartCandidates, PartStates, PickEvent, RunProgress, TrayMotion,
@@ -68,9 +68,8 @@ impl FeederMonitor {
 
     pub(crate) fn hear(&mut self, io: &mut StepIo) {
         self.locate(io);
-        let taken: Vec<TakenPart> =
-            io.take(&self.ports.picks).into_iter().filter_map(|message| pick::from_event(message).taken).collect();
-        taken.iter().for_each(|part| self.score.note_taken(part));
+        let closed: Vec<GripperClosed> = io.take(&self.ports.picks).into_iter().map(pick::from_event).collect();
+        closed.iter().filter_map(|closed| closed.taken).for_each(|part| self.score.note_taken(&part));
         for message in io.take(&self.ports.parts) {
             let stamp = message.header.stamp;
             let Some(truth) = understood("parts", parts::from_message(message)) else { continue };
@@ -88,7 +87,8 @@ impl FeederMonitor {
             let Some(stand) = understood("delivery_state", delivery_state::from_message(message)) else { continue };
             self.score.hear_planner(stamp_ns, &stand);
         }
-        taken.iter().for_each(|part| self.score.score_pick(part));
+        let by_grippers = closed.iter().filter(|closed| closed.station.is_some());
+        by_grippers.filter_map(|closed| closed.taken).for_each(|part| self.score.score_pick(&part));
     }
 
     /// Where the courier's centre truly is on the platen, m.

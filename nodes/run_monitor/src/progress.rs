@@ -7,9 +7,10 @@ use crate::feed::Feed;
 use crate::whereabouts::OdometryScore;
 
 /// What a planner does with its time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Activity {
     /// Nothing is asked for.
+    #[default]
     Idle,
     /// Feeding until parts fit.
     Wait,
@@ -75,6 +76,8 @@ pub struct FeederProgress {
     pub failed_by_outcome: Vec<u32>,
     /// How well the driver knows where its courier is.
     pub odometry: OdometryScore,
+    /// What the planner does at present.
+    pub activity: Activity,
     /// What the planner did with its time, s.
     pub spent_s: BTreeMap<Activity, f64>,
     /// How well the feeder feeds and the selector selects.

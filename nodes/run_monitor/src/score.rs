@@ -32,8 +32,8 @@ pub(crate) struct FeederScore {
     /// Parts in the feeder, and those that were picked.
     present: BTreeSet<u32>,
     picked: BTreeSet<u32>,
-    /// What the planner does, and since when, ns.
-    activity: (Activity, u64),
+    /// Since when the planner has done what it does, ns.
+    active_since_ns: u64,
     /// The pose in which the part presented last was said to lie.
     promised_pose: Option<String>,
     pub(crate) progress: FeederProgress,
@@ -50,7 +50,7 @@ impl FeederScore {
             metrics_ns: METRICS_NS,
             present: BTreeSet::new(),
             picked: BTreeSet::new(),
-            activity: (Activity::Idle, 0),
+            active_since_ns: 0,
             promised_pose: None,
             progress: FeederProgress { name: feeder.to_owned(), ..FeederProgress::default() },
         }
@@ -94,10 +94,10 @@ impl FeederScore {
             self.truth.settle(u64::try_from(chosen.look.as_nanos()).unwrap_or(u64::MAX));
             self.promised_pose.clone_from(&chosen.pose_class);
         }
-        let (activity, since_ns) = self.activity;
-        let spent_s = Duration::from_nanos(stamp_ns.saturating_sub(since_ns)).as_secs_f64();
-        *self.progress.spent_s.entry(activity).or_insert(0.0) += spent_s;
-        self.activity = (activity_of(stand.phase), stamp_ns);
+        let spent_s = Duration::from_nanos(stamp_ns.saturating_sub(self.active_since_ns)).as_secs_f64();
+        *self.progress.spent_s.entry(self.progress.activity).or_insert(0.0) += spent_s;
+        self.progress.activity = activity_of(stand.phase);
+        self.active_since_ns = stamp_ns;
         self.progress.accepted = stand.accepted;
         self.progress.succeeded = stand.delivered;
         self.progress.failed_by_outcome = stand.failed_by_outcome.to_vec();

@@ -49,7 +49,7 @@ pub(crate) fn own_parameters(use_sim_time: bool, autostart: Option<bool>) -> Vec
 
 /// What a node offers beside its ports, until dropped.
 pub(crate) struct Housekeeping {
-    _parameters: ParameterServer,
+    parameters: ParameterServer,
     _types: Option<Server>,
     _reporting: BackgroundTask,
     _diagnostics: Writer,
@@ -69,11 +69,19 @@ impl Housekeeping {
         let reporting = participant.background(report(participant, &diagnostics, clock.clone()));
         Ok(Self {
             _rosout: logging::rosout().map(|layer| layer.attach(participant, clock.clone())).transpose()?,
-            _parameters: ParameterServer::new(participant, parameters, clock.clone(), with_own(accept))?,
+            parameters: ParameterServer::new(participant, parameters, clock.clone(), with_own(accept))?,
             _types: describes.then(|| type_description::serve(participant)).transpose()?,
             _reporting: reporting,
             _diagnostics: diagnostics,
         })
+    }
+
+    /// Sets a parameter as `ros2 param set` would.
+    ///
+    /// # Errors
+    /// The reason for which it may not be set.
+    pub(crate) fn set(&self, name: &str, value: Value) -> Result<(), String> {
+        self.parameters.set(name, value)
     }
 }
 

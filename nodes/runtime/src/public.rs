@@ -16,7 +16,7 @@ use crate::node::{Arrival, Asker, AskerInner, Interface, Port, PortKind};
 /// The public endpoints of one node.
 pub(crate) struct PublicSide {
     writers: Vec<Option<PublicWriter>>,
-    _servers: Vec<Server>,
+    servers: Vec<Server>,
 }
 
 struct PublicWriter {
@@ -47,7 +47,12 @@ impl PublicSide {
                 servers.push(serve(participant, port, index, inbox.clone())?);
             }
         }
-        Ok(Self { writers, _servers: servers })
+        Ok(Self { writers, servers })
+    }
+
+    /// How many replies are on their way.
+    pub(crate) fn replies_on_the_way(&self) -> u64 {
+        self.servers.iter().map(Server::replies_on_the_way).sum()
     }
 
     /// Whether anybody outside the loop hears what `port` publishes.

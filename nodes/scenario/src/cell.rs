@@ -114,6 +114,13 @@ impl Scenario {
         if self.further_feeders.is_empty() { format!("/{station}") } else { format!("/{station}/{feeder}") }
     }
 
+    /// The namespace in which the feeder's parts are asked for as entities of the simulation: none where there is one
+    /// feeder, so that scripts for other simulators find them.
+    #[must_use]
+    pub fn entity_namespace(&self) -> String {
+        if self.further_feeders.is_empty() { String::new() } else { self.namespace() }
+    }
+
     /// Stations whose tool axis the feeder's camera sees at the height of the plateau, with the part about it.
     pub(crate) fn rechecked_stations(&self, part: &PartType) -> BTreeSet<String> {
         let model = &self.camera.model;

@@ -1,7 +1,7 @@
 //! Carries out what viewers ask for, by the services that any client would call.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use feeder_model::waveform::{Segment, Waveform};
 use feeder_runtime::dds::{DdsError, Participant, Reader};
@@ -12,11 +12,16 @@ use feeder_wire::services;
 use minifactory_msgs::Action;
 use minifactory_msgs::action::DeliverPart;
 use minifactory_msgs::action_msgs::srv::{CancelGoal, CancelGoalRequest};
-use minifactory_msgs::interface::{Qos, ServiceSpec};
+use minifactory_msgs::interface::{Qos, ServiceSpec, simulation};
 use minifactory_msgs::msg;
 use minifactory_msgs::rcl_interfaces::msg::Parameter;
 use minifactory_msgs::rcl_interfaces::srv::{GetParameters, GetParametersRequest, SetParameters, SetParametersRequest};
 use minifactory_msgs::rosbag2_interfaces::srv::{GetRate, IsPaused, Pause, PlayNext, Resume, SetRate, SetRateRequest};
+use minifactory_msgs::simulation_interfaces::srv::{
+    GetSimulationState, ResetSimulation, ResetSimulationRequest, SetSimulationState, SetSimulationStateRequest,
+    StepSimulation, StepSimulationRequest,
+};
+use minifactory_msgs::simulation_interfaces::{self, msg::SimulationState};
 use minifactory_msgs::srv::{
     LoadParts, LoadPartsRequest, ReportHandover, ReportHandoverRequest, SetWaveform, SetWaveformRequest,
 };
@@ -33,6 +38,8 @@ use crate::events::{Event, Level};
 const PATIENCE: Duration = Duration::from_secs(10);
 /// How long a delivery may take, wall time.
 const DELIVERY_PATIENCE: Duration = Duration::from_secs(24 * 3600);
+/// How long to wait before a reset that comes at the wrong moment is asked for again.
+const RETRY: Duration = Duration::from_millis(50);
 /// The clock of a run, and the player of a bag.
 const CLOCK: &str = "/feeder_up";
 const PLAYER: &str = "/rosbag2_player";
@@ -76,8 +83,10 @@ fn lock(asked: &Mutex<Asked>) -> MutexGuard<'_, Asked> {
 pub(crate) struct Clients {
     set_parameters: ServiceClient<SetParameters>,
     get_parameters: ServiceClient<GetParameters>,
-    step: ServiceClient<Trigger>,
-    reset: ServiceClient<Trigger>,
+    step: ServiceClient<StepSimulation>,
+    reset: ServiceClient<ResetSimulation>,
+    get_state: ServiceClient<GetSimulationState>,
+    set_state: ServiceClient<SetSimulationState>,
     pause: ServiceClient<Pause>,
     resume: ServiceClient<Resume>,
     is_paused: ServiceClient<IsPaused>,
@@ -100,8 +109,10 @@ impl Clients {
         Ok(Self {
             set_parameters: of(participant, CLOCK, "set_parameters")?,
             get_parameters: of(participant, CLOCK, "get_parameters")?,
-            step: of(participant, CLOCK, "step")?,
-            reset: of(participant, CLOCK, "reset")?,
+            step: participant.service_client(&simulation::STEP_SIMULATION.name_in(""))?,
+            reset: participant.service_client(&simulation::RESET_SIMULATION.name_in(""))?,
+            get_state: participant.service_client(&simulation::GET_SIMULATION_STATE.name_in(""))?,
+            set_state: participant.service_client(&simulation::SET_SIMULATION_STATE.name_in(""))?,
             pause: of(participant, PLAYER, "pause")?,
             resume: of(participant, PLAYER, "resume")?,
             is_paused: of(participant, PLAYER, "is_paused")?,
@@ -213,6 +224,29 @@ async fn trigger(client: &ServiceClient<Trigger>) -> Result<(), String> {
     if success { Ok(()) } else { Err(message) }
 }
 
+/// What a service of the simulation says of how it went.
+fn done(result: simulation_interfaces::msg::Result) -> Result<(), String> {
+    if result.result == simulation_interfaces::msg::Result::RESULT_OK { Ok(()) } else { Err(result.error_message) }
+}
+
+/// Starts the run again: one that stands still comes back so, another as soon as no part is on its way to a station.
+async fn reset(clients: &Clients) -> Result<(), String> {
+    let state = answer(&clients.get_state, &Default::default()).await?.state.state;
+    if state == SimulationState::STATE_PAUSED {
+        let state = SimulationState { state: SimulationState::STATE_STOPPED };
+        return done(answer(&clients.set_state, &SetSimulationStateRequest { state }).await?.result);
+    }
+    let since = Instant::now();
+    loop {
+        let result = answer(&clients.reset, &ResetSimulationRequest::default()).await?.result;
+        let is_to_wait = result.result == simulation_interfaces::msg::Result::RESULT_INCORRECT_STATE;
+        if !is_to_wait || since.elapsed() > PATIENCE {
+            return done(result);
+        }
+        tokio::time::sleep(RETRY).await;
+    }
+}
+
 fn number(arguments: &Map<String, Value>, name: &str) -> f64 {
     arguments.get(name).and_then(Value::as_f64).unwrap_or_default()
 }
@@ -246,10 +280,10 @@ pub(crate) async fn perform(
         "pause" => clients.set("paused", ParameterValue::Bool(true)).await?,
         "resume" => clients.set("paused", ParameterValue::Bool(false)).await?,
         "step" => {
-            clients.set("step_ticks", ParameterValue::Integer(whole(arguments, "ticks").into())).await?;
-            trigger(&clients.step).await?;
+            let steps = whole(arguments, "ticks").into();
+            done(answer(&clients.step, &StepSimulationRequest { steps }).await?.result)?;
         }
-        "reset" => trigger(&clients.reset).await?,
+        "reset" => reset(clients).await?,
         "speed" => clients.set("speed", ParameterValue::Double(number(arguments, "speed"))).await?,
         "full_speed" => clients.set("speed", ParameterValue::Double(0.0)).await?,
         "load_parts" => {

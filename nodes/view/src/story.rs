@@ -50,11 +50,15 @@ pub(crate) fn tell(
         }
         for pick in inboxes.picks.take() {
             let at_s = time_s(&pick.header.stamp);
-            let (kind, level) = if pick.picked { ("picked", Level::Info) } else { ("missed", Level::Warn) };
+            let (kind, level) = match (pick.picked, pick.station.is_empty()) {
+                (true, false) => ("picked", Level::Info),
+                (true, true) => ("removed", Level::Info),
+                (false, _) => ("missed", Level::Warn),
+            };
             let message =
                 if pick.picked { format!("part {}", pick.part_id) } else { "the gripper closed on nothing".to_owned() };
             events.add(Event {
-                station: Some(pick.station),
+                station: Some(pick.station).filter(|station| !station.is_empty()),
                 ..Event::new(kind, level, Some(at_s), message).of(&feeder.name)
             });
         }

@@ -9,6 +9,7 @@ pub mod courier_state;
 pub mod deliver_part;
 pub mod delivery_state;
 pub mod detections;
+pub mod entity;
 pub mod feeder_state;
 pub mod frames;
 pub mod hand_over;

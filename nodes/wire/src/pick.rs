@@ -63,11 +63,11 @@ pub struct TakenPart {
     pub resting_pose: u8,
 }
 
-/// A gripper has closed, as the truth has it.
+/// A gripper has closed, as the truth has it, or a hand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GripperClosed {
-    /// The station whose gripper it is.
-    pub station: String,
+    /// The station whose gripper it is; none for a hand.
+    pub station: Option<String>,
     /// Where its tool was, in the platen frame.
     pub tool_in_platen: UprightPose,
     /// What it took.
@@ -78,7 +78,7 @@ pub struct GripperClosed {
 #[must_use]
 pub fn to_event(closed: &GripperClosed) -> PickEvent {
     PickEvent {
-        station: closed.station.clone(),
+        station: closed.station.clone().unwrap_or_default(),
         picked: closed.taken.is_some(),
         part_id: closed.taken.map_or(0, |part| part.id),
         resting_pose: closed.taken.map_or(0, |part| part.resting_pose),
@@ -92,7 +92,7 @@ pub fn to_event(closed: &GripperClosed) -> PickEvent {
 pub fn from_event(message: PickEvent) -> GripperClosed {
     let part = TakenPart { id: message.part_id, resting_pose: message.resting_pose };
     GripperClosed {
-        station: message.station,
+        station: Some(message.station).filter(|station| !station.is_empty()),
         tool_in_platen: pose::from_message(&message.tool_in_platen),
         taken: message.picked.then_some(part),
     }
@@ -100,6 +100,8 @@ pub fn from_event(message: PickEvent) -> GripperClosed {
 
 #[cfg(test)]
 mod tests {
+    use std::ops::Not as _;
+
     use proptest::prelude::*;
 
     use super::*;
@@ -111,6 +113,7 @@ mod tests {
             tool_in_platen in poses(),
             opening_m in 0.001..0.05_f64,
             part in prop::option::of((1..100_u32, 1..9_u8)),
+            by_hand: bool,
         ) {
             let station = "station_2".to_owned();
             let sent = GripRequest { station: station.clone(), tool_in_platen, opening_m };
@@ -118,7 +121,7 @@ mod tests {
             prop_assert!(same(&came.tool_in_platen, &sent.tool_in_platen));
             prop_assert_eq!(GripRequest { tool_in_platen, ..came }, sent);
             let taken = part.map(|(id, resting_pose)| TakenPart { id, resting_pose });
-            let sent = GripperClosed { station, tool_in_platen, taken };
+            let sent = GripperClosed { station: by_hand.not().then_some(station), tool_in_platen, taken };
             let came = from_event(to_event(&sent));
             prop_assert!(same(&came.tool_in_platen, &sent.tool_in_platen));
             prop_assert_eq!(GripperClosed { tool_in_platen, ..came }, sent);

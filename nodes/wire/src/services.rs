@@ -4,6 +4,10 @@ use minifactory_msgs::action::DeliverPart;
 use minifactory_msgs::control_msgs::action::FollowJointTrajectory;
 use minifactory_msgs::interface::User::{Feedback, Outside};
 use minifactory_msgs::interface::{ActionSpec, ServiceSpec};
+use minifactory_msgs::simulation_interfaces::srv::{
+    DeleteEntity, GetEntities, GetEntitiesStates, GetEntityInfo, GetEntityState, GetSpawnables, SetEntityState,
+    SpawnEntity,
+};
 use minifactory_msgs::srv::{
     ChangeRecipe, LoadParts, Pick, Purge, ReleaseArea, ReportHandover, ReserveArea, SetWaveform,
 };
@@ -69,6 +73,38 @@ interface! {
 
     /// Drops parts onto the tray
     LOAD_PARTS: ServiceSpec<LoadParts> = ServiceSpec::new(FEEDER, "load_parts"),
+        [PART_SIMULATOR] => [Outside("operators")];
+
+    /// The names of the parts that match a filter; in no namespace where the run has one feeder
+    GET_ENTITIES: ServiceSpec<GetEntities> = ServiceSpec::new(FEEDER, "get_entities"),
+        [PART_SIMULATOR] => [Outside("operators")];
+
+    /// What a part is; in no namespace where the run has one feeder
+    GET_ENTITY_INFO: ServiceSpec<GetEntityInfo> = ServiceSpec::new(FEEDER, "get_entity_info"),
+        [PART_SIMULATOR] => [Outside("operators")];
+
+    /// Ground truth of a part, m and rad; in no namespace where the run has one feeder
+    GET_ENTITY_STATE: ServiceSpec<GetEntityState> = ServiceSpec::new(FEEDER, "get_entity_state"),
+        [PART_SIMULATOR] => [Outside("operators")];
+
+    /// Ground truth of the parts that match a filter, m and rad; in no namespace where the run has one feeder
+    GET_ENTITIES_STATES: ServiceSpec<GetEntitiesStates> = ServiceSpec::new(FEEDER, "get_entities_states"),
+        [PART_SIMULATOR] => [Outside("operators")];
+
+    /// Puts a part elsewhere on the tray, m; in no namespace where the run has one feeder
+    SET_ENTITY_STATE: ServiceSpec<SetEntityState> = ServiceSpec::new(FEEDER, "set_entity_state"),
+        [PART_SIMULATOR] => [Outside("operators")];
+
+    /// Puts a new part onto the tray, m; in no namespace where the run has one feeder
+    SPAWN_ENTITY: ServiceSpec<SpawnEntity> = ServiceSpec::new(FEEDER, "spawn_entity"),
+        [PART_SIMULATOR] => [Outside("operators")];
+
+    /// Takes a part off the tray; in no namespace where the run has one feeder
+    DELETE_ENTITY: ServiceSpec<DeleteEntity> = ServiceSpec::new(FEEDER, "delete_entity"),
+        [PART_SIMULATOR] => [Outside("operators")];
+
+    /// What can be put onto the tray; in no namespace where the run has one feeder
+    GET_SPAWNABLES: ServiceSpec<GetSpawnables> = ServiceSpec::new(FEEDER, "get_spawnables"),
         [PART_SIMULATOR] => [Outside("operators")];
 
     /// Closes a simulated gripper, its place and opening in m; with several feeders it lies in `/<station>/<feeder>`

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use feeder_wire::{services, topics};
-use minifactory_msgs::interface::{Durability, Entry, EntryKind, Qos, Reliability};
+use minifactory_msgs::interface::{Durability, Entry, EntryKind, Qos, Reliability, simulation};
 
 const PAGE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/reference/topics.md");
 
@@ -33,7 +33,7 @@ below its name that ROS 2 gives it. How other agents use what is for them is in
 fn entries() -> Vec<Entry> {
     let standard =
         [topics::CLOCK.entry(), topics::DIAGNOSTICS.entry(), topics::ROSOUT.entry(), topics::PARAMETER_EVENTS.entry()];
-    topics::all().into_iter().chain(standard).chain(services::all()).collect()
+    topics::all().into_iter().chain(standard).chain(services::all()).chain(simulation::all()).collect()
 }
 
 fn quality(qos: &Qos) -> String {

@@ -55,11 +55,14 @@ fn stated(plan: &RunPlan) -> BTreeMap<String, Line> {
     let stations = plan.of_kind::<OverheadManipulatorConfig>().map(|(namespace, _)| namespace.to_owned()).collect();
     // Where several feeders share stations, a gripper closes in a namespace of station and feeder.
     let grips = plan.of_kind::<PartSimulatorConfig>().flat_map(|(_, config)| config.pick_namespaces.clone()).collect();
+    // Where there is one feeder, its parts are the entities of the simulation, under the names that others give them.
+    let entities = plan.of_kind::<PartSimulatorConfig>().map(|(_, config)| config.entity_namespace.clone()).collect();
     let kinds: Vec<&str> = plan.nodes.iter().map(|planned| planned.node.kind()).collect();
     let nowhere = BTreeSet::from([String::new()]);
     let mut lines = BTreeMap::new();
     for Entry { kind, name, ros_type, qos, facts } in topics::all().into_iter().chain(services::all()) {
         let namespaces = match name.split('/').nth(1) {
+            Some("<feeder>") if ros_type.starts_with("simulation_interfaces/") => &entities,
             Some("<feeder>") => &feeders,
             Some("<station>") if name == services::PICK.entry().name => &grips,
             Some("<station>") => &stations,

@@ -70,6 +70,7 @@ impl Participant {
         let writer = self.writer_of(&dds_name("service", "rr", name, "Reply")?, response_dds_type, &qos)?;
         let counters = Arc::new(Counters {
             requests: AtomicU64::new(0),
+            on_the_way: AtomicU64::new(0),
             refused: self.counter(name, "requests refused"),
             replies_lost: self.counter(name, "replies lost"),
         });
@@ -123,6 +124,12 @@ impl Server {
         self.writer.matched_readers()
     }
 
+    /// How many replies are on their way: a server that is dropped before they have arrived may take them with it.
+    #[must_use]
+    pub fn replies_on_the_way(&self) -> u64 {
+        self.counters.on_the_way.load(Ordering::Relaxed)
+    }
+
     /// What has become of the requests so far.
     #[must_use]
     pub fn counts(&self) -> ServerCounts {
@@ -147,6 +154,8 @@ pub struct ServerCounts {
 
 struct Counters {
     requests: AtomicU64,
+    /// Replies whose clients have not acknowledged them yet.
+    on_the_way: AtomicU64,
     refused: Arc<Counter>,
     replies_lost: Arc<Counter>,
 }
@@ -210,10 +219,12 @@ impl ReplyHandle {
     pub fn send(mut self, body: Bytes) {
         self.answered = true;
         let spawner = self.spawner.clone();
+        self.counters.on_the_way.fetch_add(1, Ordering::Relaxed);
         spawner.spawn(async move {
             if let Err(reason) = self.deliver(body).await {
                 self.counters.lose_reply(&self.service, self.client, &reason);
             }
+            self.counters.on_the_way.fetch_sub(1, Ordering::Relaxed);
         });
     }
 

@@ -1,6 +1,7 @@
 //! The clock's side of the loop: it grants ticks, paces, notices who is missing and ends the run. No I/O.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::time::Duration;
 
 use minifactory_msgs::msg::{LoopGrant, LoopStatus};
@@ -152,11 +153,19 @@ impl LoopClock {
         self.paused_at.is_some()
     }
 
-    /// Lets a paused run go on for so many ticks; false when it is not paused.
-    pub fn step(&mut self, ticks: u64) -> bool {
-        let Some(paused_at) = &mut self.paused_at else { return false };
-        *paused_at = paused_at.saturating_add(ticks);
-        true
+    /// Lets a paused run go on for so many ticks. Says from which tick to which; nothing when it is not paused.
+    pub fn step(&mut self, ticks: u64) -> Option<Range<u64>> {
+        let paused_at = self.paused_at.as_mut()?;
+        let from = *paused_at;
+        *paused_at = from.saturating_add(ticks);
+        Some(from..*paused_at)
+    }
+
+    /// Takes back what steps have still to go, as far as it is not granted.
+    pub fn stop_stepping(&mut self) {
+        if let Some(paused_at) = &mut self.paused_at {
+            *paused_at = self.granted_until;
+        }
     }
 
     /// The last grant, as it was sent.
@@ -442,18 +451,18 @@ mod tests {
             }
         };
         reach(&mut clock, 0, ms(0));
-        assert!(!clock.step(1), "a run that is not paused takes no steps");
+        assert_eq!(clock.step(1), None, "a run that is not paused takes no steps");
         assert_eq!(clock.grant(ms(0), false).unwrap().until_tick, 32);
         clock.set_paused(true, ms(1));
         clock.set_paused(true, ms(2));
         reach(&mut clock, 32, ms(3));
         assert_eq!(clock.grant(ms(60_000), false), None);
         assert_eq!(check(&mut clock, ms(60_000)), Ok(()));
-        assert!(clock.step(2));
+        assert_eq!(clock.step(2), Some(32..34));
         assert_eq!(clock.grant(ms(60_000), false).unwrap().until_tick, 34);
         assert_eq!(clock.grant(ms(60_001), false), None);
         reach(&mut clock, 34, ms(60_002));
-        assert!(clock.step(100), "more than the window takes some grants");
+        assert_eq!(clock.step(100), Some(34..134), "more than the window takes some grants");
         assert_eq!(clock.grant(ms(60_003), false).unwrap().until_tick, 66);
         reach(&mut clock, 66, ms(60_004));
         assert_eq!(clock.grant(ms(60_005), false).unwrap().until_tick, 98);
@@ -462,10 +471,15 @@ mod tests {
         reach(&mut clock, 130, ms(60_008));
         assert_eq!(clock.grant(ms(60_009), false).unwrap().until_tick, 134);
         reach(&mut clock, 134, ms(60_010));
+        clock.step(1000);
+        assert_eq!(clock.grant(ms(60_010), false).unwrap().until_tick, 166);
+        clock.stop_stepping();
+        reach(&mut clock, 166, ms(60_010));
+        assert_eq!(clock.grant(ms(60_011), false), None, "steps that are taken back");
         clock.set_speed(Speed::Paced(1.0), ms(60_011));
         assert_eq!(clock.grant(ms(70_000), false), None, "another speed does not end the pause");
         clock.set_paused(false, ms(80_000));
-        assert_eq!(clock.grant(ms(80_015), false).unwrap().until_tick, 135);
+        assert_eq!(clock.grant(ms(80_015), false).unwrap().until_tick, 167);
         assert_eq!(check(&mut clock, ms(80_015)), Ok(()));
     }
 

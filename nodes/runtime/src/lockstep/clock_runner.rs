@@ -10,23 +10,22 @@ use minifactory_msgs::Message;
 use minifactory_msgs::interface::standard::CLOCK;
 use minifactory_msgs::msg::{LoopGrant, LoopStatus};
 use minifactory_msgs::rosgraph_msgs::msg::Clock as ClockMessage;
-use minifactory_msgs::std_srvs::srv::{Trigger, TriggerResponse};
 
 use super::clock::{ClockError, LoopClock, Speed};
 use super::contract::LoopContract;
+use super::control::{Control, ResetRefusal, Wish};
 use super::hub::Hub;
 use super::links::{LoopWriter, read};
 use super::runner::RunError;
 use crate::cdr;
 use crate::clock::TimeSource;
-use crate::dds::{Participant, Reader, Server, Writer};
+use crate::dds::{Participant, Reader, Writer};
 use crate::digest::Digest;
 use crate::housekeeping::{Housekeeping, own_parameters};
 use crate::node::{Interface, NodeError, Port, PortKind, stamp_of_ns};
 use crate::parameters::{Declaration, Range, Store, Value};
 use crate::patience::share_of_machine;
 use crate::recording::Tap;
-use crate::service::Responder;
 
 /// Between grants that say nothing new, so that a node can tell a slow clock from a dead one.
 const RENEW_PERIOD: Duration = Duration::from_millis(100);
@@ -63,23 +62,18 @@ pub struct ClockRunner {
     tap: Option<Tap>,
     made_at: Instant,
     orders: Receiver<Order>,
-    step_ticks: u64,
-    /// Why the run cannot be started again.
-    reset_refusal: Option<&'static str>,
+    control: Control,
+    /// Whether anything keeps the run from being started again.
+    reset_refusal: Box<dyn Fn() -> Option<ResetRefusal> + Send>,
     /// The run ends because it is to be started again.
     is_reset: bool,
-    _step: Server,
-    _reset: Server,
-    _housekeeping: Housekeeping,
+    housekeeping: Housekeeping,
 }
 
-/// What people ask of the clock. None of it changes a result.
+/// What people ask of the clock by its parameters. None of it changes a result.
 enum Order {
     Speed(Speed),
     Pause(bool),
-    StepTicks(u64),
-    Step(Responder<Trigger>),
-    Reset(Responder<Trigger>),
 }
 
 /// The parameter that says how fast simulated time may pass.
@@ -88,14 +82,6 @@ const SPEED: &str = "speed";
 const SPEED_MAX: f64 = 1000.0;
 /// The parameter that stops simulated time.
 const PAUSED: &str = "paused";
-/// The parameter that says how far a step goes.
-const STEP_TICKS: &str = "step_ticks";
-/// The most ticks of a step.
-const STEP_TICKS_MAX: i64 = 1000;
-/// The service that lets a paused run go on for a step.
-const STEP: &str = "step";
-/// The service that ends the run, so that it can be started again.
-const RESET: &str = "reset";
 
 /// The clock's parameters.
 fn parameters(clock: &LoopClock) -> Result<Store, RunError> {
@@ -106,9 +92,6 @@ fn parameters(clock: &LoopClock) -> Result<Store, RunError> {
     declarations.push(Declaration::new(SPEED, Value::Double(speed), description).range(range));
     let description = "Whether simulated time stands still. It changes no result";
     declarations.push(Declaration::new(PAUSED, Value::Bool(clock.is_paused()), description));
-    let description = "Ticks for which a call of ~/step lets a paused run go on";
-    let range = Range::Integer { from: 1, to: STEP_TICKS_MAX, step: 1 };
-    declarations.push(Declaration::new(STEP_TICKS, Value::Integer(1), description).range(range));
     Store::new(declarations).map_err(|error| RunError::Node(NodeError::new(error)))
 }
 
@@ -184,22 +167,12 @@ impl ClockRunner {
         };
         let time_port = clock_interface().ports.remove(0);
         let (sender, orders) = channel();
-        let step = participant.serve_later::<Trigger>(&format!("{}/{STEP}", participant.node()), {
-            let sender = sender.clone();
-            // A closed inbox belongs to a run that is over; its caller gets no answer.
-            move |_, responder| _ = sender.send(Order::Step(responder))
-        });
-        let reset = participant.serve_later::<Trigger>(&format!("{}/{RESET}", participant.node()), {
-            let sender = sender.clone();
-            move |_, responder| _ = sender.send(Order::Reset(responder))
-        });
         let accept = move |changes: &[(String, Value)]| {
             for (name, value) in changes {
                 let order = match (name.as_str(), value) {
                     (SPEED, Value::Double(speed)) if *speed > 0.0 => Order::Speed(Speed::Paced(*speed)),
                     (SPEED, _) => Order::Speed(Speed::Max),
                     (PAUSED, Value::Bool(paused)) => Order::Pause(*paused),
-                    (STEP_TICKS, Value::Integer(ticks)) => Order::StepTicks(ticks.unsigned_abs()),
                     _ => continue,
                 };
                 sender.send(order).map_err(|_| "the run is over".to_owned())?;
@@ -208,6 +181,7 @@ impl ClockRunner {
         };
         let now: TimeSource = Arc::new(crate::clock::wall_clock);
         let housekeeping = Housekeeping::open(participant, parameters(&clock)?, &now, accept)?;
+        let control = Control::open(participant, clock.is_paused())?;
         Ok(Self {
             clock,
             tick_ns: contract.timing.tick_ns,
@@ -220,12 +194,10 @@ impl ClockRunner {
             tap: None,
             made_at: Instant::now(),
             orders,
-            step_ticks: 1,
-            reset_refusal: None,
+            control,
+            reset_refusal: Box::new(|| None),
             is_reset: false,
-            _step: step?,
-            _reset: reset?,
-            _housekeeping: housekeeping,
+            housekeeping,
         })
     }
 
@@ -239,9 +211,9 @@ impl ClockRunner {
         Ok(())
     }
 
-    /// Refuses to end the run so that it can be started again, for this reason.
-    pub fn refuse_reset(&mut self, reason: &'static str) {
-        self.reset_refusal = Some(reason);
+    /// Refuses to end the run so that it can be started again while `refusal` gives a reason.
+    pub fn refuse_reset_for(&mut self, refusal: impl Fn() -> Option<ResetRefusal> + Send + 'static) {
+        self.reset_refusal = Box::new(refusal);
     }
 
     /// Whether the run has ended because it is to be started again.
@@ -275,11 +247,13 @@ impl ClockRunner {
     /// [`RunEnd`] naming the node at fault. The nodes are told to leave in any case.
     pub fn run(&mut self, stop: &AtomicBool, mut watch: impl FnMut(u64) -> Result<(), String>) -> Result<(), RunEnd> {
         let result = self.run_to_the_end(stop, &mut watch).map_err(|end| blame(end, watch(self.clock.tick())));
+        self.control.close(self.clock.tick());
         if result.is_err() {
             let ended = LoopGrant { ended: true, ..self.clock.last_grant() };
             // The run has failed already; nodes that miss this leave when grants stop coming.
             let _ = self.nodes.grant(&ended);
         }
+        self.control.settle();
         result
     }
 
@@ -337,24 +311,21 @@ impl ClockRunner {
             match order {
                 Order::Speed(speed) => self.clock.set_speed(speed, now),
                 Order::Pause(paused) => self.clock.set_paused(paused, now),
-                Order::StepTicks(ticks) => self.step_ticks = ticks,
-                Order::Step(responder) => {
-                    let success = self.clock.step(self.step_ticks);
-                    let message = if success { "" } else { "the run is not paused: set the parameter paused first" };
-                    responder.send(&TriggerResponse { success, message: message.to_owned() });
-                }
-                Order::Reset(responder) => {
-                    let not_begun = self.clock.started_at().is_none().then_some("the run has not begun");
-                    let refusal = self.reset_refusal.or(not_begun);
-                    responder.send(&TriggerResponse {
-                        success: refusal.is_none(),
-                        message: refusal.unwrap_or_default().to_owned(),
-                    });
-                    if refusal.is_none() {
-                        self.is_reset = true;
-                        self.clock.end_early();
+            }
+        }
+        for wish in self.control.serve(&mut self.clock, &self.reset_refusal) {
+            match wish {
+                Wish::Pause(paused) => {
+                    self.clock.set_paused(paused, self.made_at.elapsed());
+                    if let Err(reason) = self.housekeeping.set(PAUSED, Value::Bool(paused)) {
+                        tracing::warn!("{reason}");
                     }
                 }
+                Wish::Reset => {
+                    self.is_reset = true;
+                    self.clock.end_early();
+                }
+                Wish::End => self.clock.end_early(),
             }
         }
     }

@@ -12,6 +12,7 @@
 mod clock;
 mod clock_runner;
 mod contract;
+mod control;
 mod engine;
 mod hub;
 mod links;
@@ -21,6 +22,7 @@ mod runner;
 pub use clock::{ClockError, LoopClock, STALL_LIMIT, Speed};
 pub use clock_runner::{ClockRunner, RunEnd, clock_interface};
 pub use contract::{Channel, ContractError, LoopContract, LoopEdge, LoopTiming};
+pub use control::ResetRefusal;
 pub use engine::{Blocked, Engine, Input, LoopError, Route};
 pub use hub::Hub;
 pub(crate) use links::DdsLinks;

@@ -54,6 +54,13 @@ impl<N: FeederNode> FeederNode for Managed<N> {
         self.node.reconfigure(config);
     }
 
+    fn attend(&mut self, io: &mut StepIo) {
+        if let Some(lifecycle) = &mut self.lifecycle {
+            lifecycle.poll(io);
+        }
+        self.node.attend(io);
+    }
+
     fn step(&mut self, io: &mut StepIo) -> Result<(), NodeError> {
         if let Some(lifecycle) = &mut self.lifecycle {
             if std::mem::take(&mut self.autostart) {

@@ -88,6 +88,10 @@ pub trait FeederNode: Sized + Send + 'static {
     /// Called between two steps.
     fn reconfigure(&mut self, _config: &Self::Config) {}
 
+    /// Answers requests that need no time to pass, while the node waits for its next tick: a paused simulation is looked
+    /// at and changed, too. It is a part of the step to come; what is not taken here is there for that.
+    fn attend(&mut self, _io: &mut StepIo) {}
+
     /// Runs one tick.
     ///
     /// # Errors

@@ -44,6 +44,19 @@ pub(crate) enum AskerInner {
 }
 
 impl Asker {
+    /// A number that tells this client's process from others: that of its DDS participant, or of its node in the loop.
+    #[must_use]
+    pub fn participant(&self) -> u64 {
+        match &self.0 {
+            AskerInner::Loop { edge, .. } => *edge as u64,
+            AskerInner::Graph(reply) => {
+                let mut hasher = DefaultHasher::new();
+                reply.client().participant().hash(&mut hasher);
+                hasher.finish()
+            }
+        }
+    }
+
     /// Gives no answer, because the request made no sense.
     fn refuse(self, reason: &dyn fmt::Display) {
         match self.0 {

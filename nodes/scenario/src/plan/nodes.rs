@@ -150,6 +150,9 @@ pub struct PartSimulatorConfig {
     pub hopper_m: Vector2<f64>,
     /// The namespaces of the services by which grippers close on parts.
     pub pick_namespaces: Vec<String>,
+    /// The namespace of the services by which operators look at parts and move them; empty: none.
+    #[serde(default)]
+    pub entity_namespace: String,
     /// The camera.
     pub camera: SimulatedCamera,
 }

@@ -100,6 +100,7 @@ impl Scenario {
             refill_below: self.refill_below,
             hopper_m: self.delivery.feeding_place.xy(),
             pick_namespaces: calling.map(|station| self.pick_namespace(&station.name, &self.feeder)).collect(),
+            entity_namespace: self.entity_namespace(),
             camera: self.simulated_camera(),
         })
     }

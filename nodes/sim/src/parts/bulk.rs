@@ -21,8 +21,10 @@ use feeder_model::tray::TrayGeometry;
 pub struct Counters {
     /// Parts put onto the tray.
     pub loaded: u64,
-    /// Parts taken off the tray.
+    /// Parts taken off the tray by grippers.
     pub picked: u64,
+    /// Parts taken off the tray otherwise.
+    pub removed: u64,
     /// Entries to the plateau from the ramp, once per part and lap however often it crosses the line.
     pub fed: u64,
     /// Parts that fell off the end of the plateau.
@@ -43,6 +45,12 @@ pub struct Loaded {
 /// Why a part was not put where it was asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum PutError {
+    /// There is no part of this identity.
+    #[error("there is no part {id}")]
+    NoSuchPart {
+        /// The identity asked for.
+        id: u32,
+    },
     /// The resting pose does not exist.
     #[error("pose = {pose} is outside the allowed range [0, {poses})")]
     NoSuchPose {
@@ -208,6 +216,45 @@ impl PartBulk {
         })
     }
 
+    /// Takes a part off the tray, wherever it is. Returns whether there was one of this identity.
+    pub fn remove(&mut self, id: u32) -> bool {
+        let Some(index) = self.parts.iter().position(|part| part.id == id) else { return false };
+        self.take_out(index);
+        true
+    }
+
+    /// Takes a part off the tray and puts it down elsewhere, as [`put`](Self::put) does, under a new identity.
+    ///
+    /// # Errors
+    /// As [`put`](Self::put); the part is where it was then.
+    pub fn replace(
+        &mut self,
+        id: u32,
+        radius_m: f64,
+        angle_rad: f64,
+        yaw_rad: f64,
+        pose: usize,
+    ) -> Result<u32, PutError> {
+        let Some(index) = self.parts.iter().position(|part| part.id == id) else {
+            return Err(PutError::NoSuchPart { id });
+        };
+        // Its own place is free for it.
+        let part = self.parts.remove(index);
+        let put = self.put(radius_m, angle_rad, yaw_rad, pose);
+        self.parts.insert(index, part);
+        if put.is_ok() {
+            self.take_out(index);
+        }
+        put
+    }
+
+    fn take_out(&mut self, index: usize) {
+        let part = self.parts.remove(index);
+        self.falling -= usize::from(part.place == Place::Falling);
+        self.counters.removed += 1;
+        self.parts_changed();
+    }
+
     /// All parts present, in order of identity.
     #[must_use]
     pub fn parts(&self) -> &[Part] {
@@ -249,7 +296,7 @@ impl PartBulk {
         self.counters
     }
 
-    /// Whether every part loaded is either present, exactly once and within the walls, or was picked.
+    /// Whether every part loaded is either present, exactly once and within the walls, or was taken off.
     #[must_use]
     pub fn is_conserved(&self) -> bool {
         let distinct = self.parts.windows(2).all(|pair| pair[0].id < pair[1].id);
@@ -257,7 +304,8 @@ impl PartBulk {
         let slack_m = 1e-3 * self.width_m;
         let on_surface = self.parts.iter().filter(|part| part.place != Place::Falling);
         let inside = on_surface.into_iter().all(|part| self.track.is_inside(part, slack_m));
-        distinct && inside && self.counters.loaded == self.counters.picked + self.parts.len() as u64
+        let Counters { loaded, picked, removed, .. } = self.counters;
+        distinct && inside && loaded == picked + removed + self.parts.len() as u64
     }
 
     pub(super) fn parts_changed(&mut self) {

@@ -155,3 +155,35 @@ fn entering_the_plateau_counts_once_a_lap() {
     bulk.step(&resting(250)).unwrap();
     assert_eq!((bulk.parts[0].place, bulk.parts[0].fed), (Place::Ramp, false));
 }
+
+#[test]
+fn a_part_that_is_put_elsewhere_is_a_new_one_and_its_own_place_is_free() {
+    let mut bulk = bulk(BulkSettings::default());
+    let first = bulk.put(0.070, 5.0, 0.0, 0).unwrap();
+    let other = bulk.put(0.070, 5.2, 0.0, 0).unwrap();
+    let before = bulk.parts.clone();
+    assert_eq!(bulk.replace(first, 0.070, 5.2, 0.0, 0), Err(PutError::NoRoom { radius_m: 0.070, angle_rad: 5.2 }));
+    assert_eq!(bulk.replace(7, 0.070, 5.0, 0.0, 0), Err(PutError::NoSuchPart { id: 7 }));
+    assert_eq!(bulk.parts, before, "who is refused changes nothing");
+    let moved = bulk.replace(first, 0.0705, 5.0, 0.3, 1).unwrap();
+    assert!(moved > other);
+    let part = bulk.parts.last().unwrap();
+    assert_eq!((part.id, part.pose, part.yaw_rad, bulk.parts.len()), (moved, 1, 0.3, 2));
+    assert!(bulk.remove(other) && !bulk.remove(other));
+    assert_eq!((bulk.counters.loaded, bulk.counters.removed, bulk.counters.picked), (3, 2, 0));
+    assert!(bulk.is_conserved());
+}
+
+#[test]
+fn a_falling_part_that_is_taken_away_does_not_land() {
+    let settings = BulkSettings { landing_scatter_m: 0.0, landing_length_m: 0.0, ..BulkSettings::default() };
+    let mut bulk = bulk(settings);
+    let falling = bulk.put(0.080, 6.2, 0.0, 0).unwrap();
+    bulk.parts[0].y_m = 0.0;
+    bulk.pass_edges();
+    assert_eq!((bulk.parts[0].place, bulk.falling), (Place::Falling, 1));
+    assert!(bulk.remove(falling));
+    assert_eq!(bulk.falling, 0);
+    bulk.step(&resting(1000)).unwrap();
+    assert!(bulk.parts.is_empty() && bulk.is_conserved());
+}

@@ -129,6 +129,8 @@ pub(crate) struct Runner<N: FeederNode, L> {
     started: bool,
     now_ns: Arc<AtomicU64>,
     reconfigured: Option<Receiver<N::Config>>,
+    /// Whether something has come from outside the loop since the node last attended to it.
+    has_visitors: bool,
 }
 
 impl<N: FeederNode, L: Links> Runner<N, L> {
@@ -160,6 +162,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             goal_tick: LoopStatus::NO_GOAL,
             now_ns: Arc::default(),
             reconfigured: None,
+            has_visitors: false,
             made_at: Instant::now(),
             parent: parent_id(),
             said_at: Instant::now(),
@@ -236,6 +239,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             if self.engine.blocked().is_none() {
                 continue;
             }
+            self.attend()?;
             self.flush(true)?;
             let (period, limit) =
                 if self.started { (HEARTBEAT_PERIOD, CLOCK_LIMIT) } else { (PROBE_PERIOD, START_LIMIT) };
@@ -270,7 +274,10 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
                 }
                 self.engine.accept_grant(&grant);
             }
-            Incoming::Outside(port, arrival) => self.io.arrive(port, arrival),
+            Incoming::Outside(port, arrival) => {
+                self.has_visitors = true;
+                self.io.arrive(port, arrival);
+            }
         }
         Ok(())
     }
@@ -296,6 +303,21 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             }
         }
         Ok(())
+    }
+
+    /// Lets the node answer, between two ticks, those who ask from outside the loop.
+    fn attend(&mut self) -> Result<(), RunError> {
+        if self.started && std::mem::take(&mut self.has_visitors) {
+            let tick = self.engine.next_tick();
+            self.io.begin(tick, tick * self.tick_ns);
+            self.node.attend(&mut self.io);
+            self.send_outputs(tick)?;
+        }
+        Ok(())
+    }
+
+    fn send_outputs(&mut self, tick: u64) -> Result<(), RunError> {
+        std::mem::take(&mut self.io.outputs).into_iter().try_for_each(|output| self.send(tick, output))
     }
 
     fn step(&mut self) -> Result<(), RunError> {
@@ -324,9 +346,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
         }
         self.node.step(&mut self.io).map_err(RunError::Node)?;
         self.io.end();
-        for output in std::mem::take(&mut self.io.outputs) {
-            self.send(tick, output)?;
-        }
+        self.send_outputs(tick)?;
         if self.io.goal_reached && self.goal_tick == LoopStatus::NO_GOAL {
             self.goal_tick = tick;
         }

@@ -119,12 +119,20 @@ impl<A: Action> GoalRequest<A> {
     pub fn client(&self) -> u64 {
         self.asker.client()
     }
+
+    /// A number that tells the client's process from others.
+    #[must_use]
+    pub fn participant(&self) -> u64 {
+        self.asker.participant()
+    }
 }
 
 /// The server's side of an action: [`Goals`] behind ports.
 pub struct ActionServer<A: Action> {
     ports: ActionServerPorts<A>,
     goals: Goals<A::GetResultResponse, Asker>,
+    /// Who asked for the goals, where they alone may cancel them.
+    owners: Option<BTreeMap<GoalId, u64>>,
     /// Goals that are neither accepted nor rejected yet.
     undecided: BTreeSet<GoalId>,
     /// Rejected goals, why, and when to forget that.
@@ -139,15 +147,25 @@ impl<A: Action> ActionServer<A> {
         Self {
             ports,
             goals: Goals::new(RESULT_LIFETIME),
+            owners: None,
             undecided: BTreeSet::new(),
             refused: Vec::new(),
             changed: true,
         }
     }
 
+    /// Only the process that has asked for a goal may cancel it.
+    #[must_use]
+    pub fn cancelled_by_owners(self) -> Self {
+        Self { owners: Some(BTreeMap::new()), ..self }
+    }
+
     /// Answers what needs no decision and returns what does. Call it once a step, before anything else.
     pub fn poll(&mut self, io: &mut StepIo) -> Vec<ServerEvent<A>> {
-        self.changed |= !self.goals.expire(now(io)).is_empty();
+        for expired in self.goals.expire(now(io)) {
+            self.changed = true;
+            self.owners.iter_mut().for_each(|owners| _ = owners.remove(&expired));
+        }
         self.refused.retain(|(.., forget)| *forget > now(io));
         let mut events = Vec::new();
         for (asker, request) in io.requests(&self.ports.send_goal) {
@@ -162,7 +180,7 @@ impl<A: Action> ActionServer<A> {
             }
         }
         for (asker, request) in io.requests(&self.ports.cancel) {
-            let response = self.cancel(&request);
+            let response = self.cancel(&request, asker.participant());
             let canceling = response.goals_canceling.iter().map(|info| info.goal_id.into());
             events.extend(canceling.map(ServerEvent::CancelRequested));
             io.reply(&self.ports.cancel, asker, &response);
@@ -189,6 +207,7 @@ impl<A: Action> ActionServer<A> {
     /// Takes up a goal.
     pub fn accept(&mut self, io: &mut StepIo, request: GoalRequest<A>) {
         let accepted = io.stamp();
+        self.owners.iter_mut().for_each(|owners| _ = owners.insert(request.id, request.participant()));
         self.undecided.remove(&request.id);
         if let Err(error) = self.goals.accept(request.id, accepted).and_then(|()| self.goals.start(request.id)) {
             // Identifiers in use never become a request.
@@ -239,10 +258,15 @@ impl<A: Action> ActionServer<A> {
         }
     }
 
-    /// Marks the goals that a request means as canceling.
-    fn cancel(&mut self, request: &CancelGoalRequest) -> CancelGoalResponse {
+    /// Marks the goals that a participant means, and may cancel, as canceling.
+    fn cancel(&mut self, request: &CancelGoalRequest, participant: u64) -> CancelGoalResponse {
+        let is_owner = |id: &GoalId| self.owners.as_ref().is_none_or(|owners| owners.get(id) == Some(&participant));
         match self.goals.to_cancel(request) {
-            Ok(meant) => {
+            Ok(meant) if !meant.iter().any(is_owner) => {
+                CancelGoalResponse { return_code: CancelGoalResponse::ERROR_REJECTED, goals_canceling: Vec::new() }
+            }
+            Ok(mut meant) => {
+                meant.retain(is_owner);
                 let canceling = meant.into_iter().filter(|id| self.goals.begin_cancel(*id).is_ok());
                 let canceling: Vec<GoalId> = canceling.collect();
                 self.changed = true;

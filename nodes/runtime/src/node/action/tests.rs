@@ -19,6 +19,8 @@ struct Bench {
     ios: [StepIo; 2],
     client: ActionClient<DeliverPart>,
     server: ActionServer<DeliverPart>,
+    /// Who asks.
+    edge: usize,
     heard: Vec<Heard>,
     statuses: Vec<Vec<(u8, i8)>>,
     cancel_answers: Vec<(i8, Vec<u8>)>,
@@ -60,6 +62,7 @@ impl Bench {
             ios,
             client,
             server,
+            edge: 0,
             heard: Vec::new(),
             statuses: Vec::new(),
             cancel_answers: Vec::new(),
@@ -105,7 +108,7 @@ impl Bench {
                 (name(port), payload.clone(), Arrival::Message { payload, little_endian: true })
             }
             Output::Request { port, call, payload } => {
-                let asker = Asker(AskerInner::Loop { edge: 0, call: call.0 });
+                let asker = Asker(AskerInner::Loop { edge: self.edge, call: call.0 });
                 (name(port), payload.clone(), Arrival::Request { payload, little_endian: true, asker })
             }
             Output::Reply { port, asker, payload } => {
@@ -193,6 +196,22 @@ fn a_goal_is_accepted_fed_back_and_finished() {
     assert_eq!(bench.heard, expected);
     let executing = vec![(1, StatusMessage::STATUS_EXECUTING)];
     assert_eq!(bench.statuses, [vec![], executing, vec![(1, StatusMessage::STATUS_SUCCEEDED)]]);
+}
+
+#[test]
+fn where_owners_alone_may_cancel_others_cannot() {
+    let mut bench = Bench::new();
+    bench.server = ActionServer::new(Declare::new("serves", "/a").action_server(&DELIVER)).cancelled_by_owners();
+    bench.start(1);
+    bench.edge = 1;
+    bench.start(2);
+    assert!(bench.cancel(1, Time::default()).is_empty());
+    let (rejected, none) = (CancelGoalResponse::ERROR_REJECTED, CancelGoalResponse::ERROR_NONE);
+    assert_eq!(bench.cancel_answers.last(), Some(&(rejected, vec![])));
+    assert_eq!(bench.cancel(0, Time::default()), [2], "all goals are all of one's own");
+    bench.edge = 0;
+    assert_eq!(bench.cancel(1, Time::default()), [1]);
+    assert_eq!(bench.cancel_answers.last(), Some(&(none, vec![1])));
 }
 
 #[test]
