@@ -30,6 +30,9 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 /// How far a part that is put down may lean away from a resting pose, rad: a ramp leans by less.
 const LEAN_MAX_RAD: f64 = 0.35;
 
+/// Longest name of a part, bytes.
+const NAME_BYTES_MAX: usize = 64;
+
 /// How the name of a part begins that was given none.
 const UNNAMED: &str = "part_";
 
@@ -99,7 +102,10 @@ fn is_name(name: &str) -> bool {
     let mut letters = name.chars();
     let begins_well = letters.next().is_some_and(|first| first.is_ascii_alphabetic() || first == '_');
     let reserved = name.strip_prefix(UNNAMED).is_some_and(|rest| rest.bytes().all(|byte| byte.is_ascii_digit()));
-    begins_well && letters.all(|letter| letter.is_ascii_alphanumeric() || letter == '_') && !reserved
+    name.len() <= NAME_BYTES_MAX
+        && begins_well
+        && letters.all(|letter| letter.is_ascii_alphanumeric() || letter == '_')
+        && !reserved
 }
 
 /// Where a part is to be put down: radius (m), angle and yaw (rad) in the tray frame, and its resting pose.
@@ -241,7 +247,7 @@ impl Entities {
             }
             (false, _) => {
                 let message = format!(
-                    "name {name:?}: letters, digits and _, not beginning with a digit, and not {UNNAMED} with a number; \
+                    "name {name:?}: up to {NAME_BYTES_MAX} letters, digits and _, not beginning with a digit, and not {UNNAMED} with a number; \
                      or allow_renaming"
                 );
                 return Err(answer(SpawnEntityResponse::NAME_INVALID, message));
@@ -270,6 +276,8 @@ impl Entities {
         let (radius_m, angle_rad, yaw_rad, pose) = spot;
         let id = world.bulk.put(radius_m, angle_rad, yaw_rad, pose).map_err(|error| invalid(error.to_string()))?;
         if is_name(&name) && !is_taken {
+            // Those that grippers took are not told of otherwise.
+            self.names.retain(|id, _| world.bulk.parts().iter().any(|part| part.id == *id));
             self.names.insert(id, name.clone());
             return Ok(name);
         }

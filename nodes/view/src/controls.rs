@@ -244,6 +244,10 @@ async fn reset(clients: &Clients) -> Result<(), String> {
             return done(result);
         }
         tokio::time::sleep(RETRY).await;
+        if answer(&clients.get_state, &Default::default()).await?.state.state != SimulationState::STATE_PLAYING {
+            // Somebody else has started it again.
+            return Ok(());
+        }
     }
 }
 

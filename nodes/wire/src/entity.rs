@@ -9,6 +9,8 @@ use thiserror::Error;
 
 use crate::frames;
 
+/// Longest filter, bytes.
+const FILTER_BYTES_MAX: usize = 1024;
 /// Largest length of a compiled filter, bytes.
 const REGEX_BYTES_MAX: usize = 1 << 20;
 
@@ -139,6 +141,10 @@ impl Filter {
     pub fn from_message(message: EntityFilters) -> Result<Self, FilterError> {
         let EntityFilters { filter, categories, tags: TagsFilter { tags, filter_mode, .. }, bounds } = message;
         let compile = |text: String| {
+            if text.len() > FILTER_BYTES_MAX {
+                let message = format!("a filter of {} bytes, allowed are {FILTER_BYTES_MAX}", text.len());
+                return Err(FilterError::Malformed(message));
+            }
             let compiled = RegexBuilder::new(&text).size_limit(REGEX_BYTES_MAX).build();
             compiled
                 .map_err(|error| FilterError::Malformed(format!("filter {text:?} is no regular expression: {error}")))
@@ -171,8 +177,11 @@ impl Space {
     fn from_message(bounds: &Bounds) -> Result<Option<Self>, FilterError> {
         let points: Vec<Point3<f64>> =
             bounds.points.iter().map(|point| Point3::new(point.x, point.y, point.z)).collect();
+        if points.iter().any(|point| !point.coords.iter().all(|number| number.is_finite())) {
+            return Err(FilterError::Malformed("bounds hold a number that is not finite".to_owned()));
+        }
         match (bounds.r#type, &points[..]) {
-            (Bounds::TYPE_EMPTY, _) => Ok(None),
+            (Bounds::TYPE_EMPTY, _) | (_, []) => Ok(None),
             (Bounds::TYPE_BOX, [a, b]) => Ok(Some(Self::Box([a.inf(b), a.sup(b)]))),
             (Bounds::TYPE_SPHERE, [centre, radius]) => Ok(Some(Self::Ball(*centre, radius.x))),
             (Bounds::TYPE_BOX | Bounds::TYPE_SPHERE, points) => {
@@ -293,7 +302,7 @@ mod tests {
         let refused = |message| Filter::from_message(message).unwrap_err();
         let text = EntityFilters { filter: "(".to_owned(), ..EntityFilters::default() };
         assert!(matches!(refused(text), FilterError::Malformed(_)));
-        let bounds = |kind| Bounds { r#type: kind, ..Bounds::default() };
+        let bounds = |kind| Bounds { r#type: kind, points: vec![Vector::default()] };
         let of = |kind| EntityFilters { bounds: bounds(kind), ..EntityFilters::default() };
         assert!(matches!(refused(of(Bounds::TYPE_BOX)), FilterError::Malformed(_)));
         assert!(matches!(refused(of(Bounds::TYPE_CONVEX_HULL)), FilterError::Unsupported(_)));

@@ -310,6 +310,8 @@ impl ClockRunner {
             let now = self.made_at.elapsed();
             match order {
                 Order::Speed(speed) => self.clock.set_speed(speed, now),
+                // How the next run begins is settled.
+                Order::Pause(_) if self.is_reset => {}
                 Order::Pause(paused) => self.clock.set_paused(paused, now),
             }
         }

@@ -137,8 +137,8 @@ struct Desk {
     stepping: Option<Stepping>,
     /// The run stands at its beginning, and nobody has let it play or has asked it to pause.
     is_stopped: bool,
-    /// The run is about to end or to be started again.
-    is_leaving: bool,
+    /// The state that is told while the run is about to end, or to be started again.
+    leaving: Option<u8>,
 }
 
 fn answer(result: u8, message: &str) -> Answer {
@@ -191,7 +191,7 @@ impl Desk {
             steps: ActionServer::new(steps),
             stepping: None,
             is_stopped: stands,
-            is_leaving: false,
+            leaving: None,
         };
         Ok((desk, io.finish().map_err(NodeError::new)?))
     }
@@ -199,13 +199,17 @@ impl Desk {
     fn serve(&mut self, io: &mut StepIo, clock: &mut LoopClock, refusal: Refusal) -> Vec<Wish> {
         self.is_stopped &= clock.is_paused();
         self.follow_steps(io, clock);
+        if self.stepping.is_some() && !clock.is_paused() {
+            self.leave_steps(io, clock.tick(), GoalEnd::Aborted, "the run plays on");
+        }
         for (asker, _) in io.requests(&self.features) {
             io.reply(&self.features, asker, &GetSimulatorFeaturesResponse { features: features() });
         }
         let mut wishes = Vec::new();
         for (asker, request) in io.requests(&self.set_state) {
             let wanted = request.state.state;
-            let result = if wanted == SimulationState::STATE_PAUSED && self.stepping.is_some() {
+            let is_stepping = self.stepping.is_some() && wishes.is_empty() && self.leaving.is_none();
+            let result = if wanted == SimulationState::STATE_PAUSED && is_stepping {
                 self.stop_steps(io, clock, GoalEnd::Aborted, "paused");
                 ok()
             } else {
@@ -259,9 +263,12 @@ impl Desk {
             Wish::Pause(paused) => Some(*paused),
             Wish::Reset | Wish::End => None,
         });
+        if let Some(state) = self.leaving {
+            return state;
+        }
         match is_paused.unwrap_or_else(|| clock.is_paused()) {
-            _ if self.is_leaving => SimulationState::STATE_QUITTING,
-            _ if self.is_stopped || clock.started_at().is_none() => SimulationState::STATE_STOPPED,
+            _ if clock.started_at().is_none() => SimulationState::STATE_LOADING_WORLD,
+            _ if self.is_stopped => SimulationState::STATE_STOPPED,
             true => SimulationState::STATE_PAUSED,
             false => SimulationState::STATE_PLAYING,
         }
@@ -270,9 +277,9 @@ impl Desk {
     /// What keeps the run from obeying at all.
     fn not_ready(&self, clock: &LoopClock) -> Option<Answer> {
         let incorrect = |message| Some(answer(Answer::RESULT_INCORRECT_STATE, message));
-        match (clock.started_at(), self.is_leaving) {
+        match (clock.started_at(), self.leaving) {
             (None, _) => incorrect("the run has not begun"),
-            (_, true) => incorrect("the run is about to end"),
+            (_, Some(_)) => incorrect("the run is about to end"),
             _ => None,
         }
     }
@@ -297,13 +304,13 @@ impl Desk {
                 }
                 // Who stops a run means to lose what is under way.
                 Some(ResetRefusal::Now(_)) | None => {
-                    self.is_leaving = true;
+                    self.leaving = Some(SimulationState::STATE_LOADING_WORLD);
                     wishes.extend([Wish::Pause(true), Wish::Reset]);
                     ok()
                 }
             },
             SimulationState::STATE_QUITTING => {
-                self.is_leaving = true;
+                self.leaving = Some(SimulationState::STATE_QUITTING);
                 wishes.push(Wish::End);
                 ok()
             }
@@ -329,7 +336,7 @@ impl Desk {
             Some(ResetRefusal::Now(reason)) => answer(Answer::RESULT_INCORRECT_STATE, &reason),
             Some(ResetRefusal::Never(reason)) => answer(Answer::RESULT_OPERATION_FAILED, &reason),
             None => {
-                self.is_leaving = true;
+                self.leaving = Some(SimulationState::STATE_LOADING_WORLD);
                 ok()
             }
         }
@@ -555,7 +562,7 @@ mod tests {
         bench.refusal = None;
         assert_eq!(bench.reset(7), Answer::RESULT_OK, "all three at once");
         assert_eq!(bench.wishes, [Wish::Reset]);
-        assert_eq!(bench.state(), SimulationState::STATE_QUITTING);
+        assert_eq!(bench.state(), SimulationState::STATE_LOADING_WORLD);
         let mut bench = Bench::new(false);
         bench.reach(0);
         bench.refusal = Some(ResetRefusal::Now("busy".into()));
@@ -588,6 +595,12 @@ mod tests {
         let answer: StepSimulationResponse = said(&bench.serve(), "/step_simulation").unwrap();
         assert_eq!(answer.result.error_message, "paused after 5 steps");
         bench.reach(72);
+        assert_eq!(bench.step(500), None);
+        bench.set_state(SimulationState::STATE_PLAYING);
+        let answer: StepSimulationResponse = said(&bench.serve(), "/step_simulation").unwrap();
+        assert_eq!(answer.result.error_message, "the run plays on after 0 steps");
+        assert_eq!(bench.set_state(SimulationState::STATE_PAUSED), Answer::RESULT_OK);
+        assert_eq!(bench.state(), SimulationState::STATE_PAUSED);
         assert_eq!(bench.step(500), None);
         bench.reach(104);
         bench.desk.close(&mut bench.io, 104);

@@ -56,6 +56,10 @@ impl<N: FeederNode> FeederNode for Managed<N> {
 
     fn attend(&mut self, io: &mut StepIo) {
         if let Some(lifecycle) = &mut self.lifecycle {
+            // Before its first step it is not yet what it is to be.
+            if self.autostart {
+                return;
+            }
             lifecycle.poll(io);
         }
         self.node.attend(io);
