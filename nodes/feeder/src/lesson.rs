@@ -27,7 +27,7 @@ pub fn taught(
     contrast_min_levels: f64,
     random: &mut impl Rng,
 ) -> anyhow::Result<PartModel> {
-    let renderer = Renderer::new(scene)?;
+    let mut renderer = Renderer::new(scene)?;
     let mut shots: Vec<(GrayImage, Vec<LaidPart>)> = Vec::new();
     let mut shoot = |parts: Vec<LaidPart>, random: &mut _| -> anyhow::Result<()> {
         let views: Vec<PartView> = parts.iter().map(|part| view(part, scene)).collect();

@@ -35,7 +35,7 @@ fn parts(count: u32, from_rad: f64) -> Vec<PartView> {
 fn vision(criterion: &mut Criterion) {
     let scenario = Scenario::default();
     let part = scenario.part_type().expect("the catalogue is sound");
-    let renderer = Renderer::new(&scenario.scene(&part)).expect("the scene is sound");
+    let mut renderer = Renderer::new(&scenario.scene(&part)).expect("the scene is sound");
     let place = scenario.delivery.feeding_place;
     let pose = Isometry2::new(place.xy(), place.z);
     let shot = TrayShot::still(pose);

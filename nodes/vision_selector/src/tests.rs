@@ -31,7 +31,7 @@ fn sight() -> (Sight, Vec<u8>) {
     let (x_m, y_m) = (radius_m * angle_rad.cos(), radius_m * angle_rad.sin());
     let view = PartView { x_m, y_m, z_m: tray.rise_m, pose: part.wanted_poses[0], ..PartView::default() };
     let mut image = GrayImage::default();
-    let renderer = Renderer::new(&scene).unwrap();
+    let mut renderer = Renderer::new(&scene).unwrap();
     renderer.render(&TrayShot::still(platen_from_tray), &[view], &mut generator(1, "camera"), &mut image).unwrap();
     (sight, codec::encode(&image, codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX).unwrap())
 }

@@ -130,7 +130,7 @@ impl Trial<'_> {
     ) -> anyhow::Result<Score> {
         let Circumstances { area_fraction, noise_sigma_levels, frames } = circumstances;
         let sensor = SensorModel { noise_sigma_levels, ..self.world.sensor };
-        let renderer = Renderer::new(&Scene { sensor, ..self.world.clone() })?;
+        let mut renderer = Renderer::new(&Scene { sensor, ..self.world.clone() })?;
         let mut selector = Selector::new(self.config.clone(), &self.scene.camera, &self.scene.tray, self.model)?;
         let mut crowd = Crowd::new(&self.scene.tray, self.poses, area_fraction);
         let mut image = GrayImage::default();

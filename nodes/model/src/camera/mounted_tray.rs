@@ -2,10 +2,11 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::Point2;
+use nalgebra::{Isometry2, Point2, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::CameraModel;
 use crate::range::OutOfRange;
 use crate::tray::TrayGeometry;
 
@@ -86,6 +87,17 @@ impl MountedTray {
         self.plateau_height_m() + self.lip_m
     }
 
+    /// The pose (platen from tray) nearest to one of this tray on a grid whose steps move what this camera sees of the plateau
+    /// by `step_px` pixels at most along an axis, or round its outer wall: what was worked out for it holds for its neighbours.
+    #[must_use]
+    pub fn on_grid(&self, camera: &CameraModel, platen_from_tray: &Isometry2<f64>, step_px: f64) -> Isometry2<f64> {
+        let step_m = step_px * camera.m_per_px(self.plateau_height_m());
+        let rounded = |value: f64, step: f64| (value / step).round() * step;
+        let place = platen_from_tray.translation.vector.map(|value| rounded(value, step_m));
+        let yaw_rad = rounded(platen_from_tray.rotation.angle(), step_m / self.geometry.outer_radius_m);
+        Isometry2::new(Vector2::new(place.x, place.y), yaw_rad)
+    }
+
     /// How far `point` (tray frame) lies inside the plateau sector's two straight edges, the drop-off and the end of the
     /// ramp; negative outside, m.
     #[must_use]
@@ -106,6 +118,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::camera::{CameraPose, CameraSpec, Distortion};
     use crate::tray::Surface;
 
     proptest! {
@@ -118,6 +131,33 @@ mod tests {
             let inside_m = MountedTray::new(geometry).inside_sector_m(point);
             prop_assume!(inside_m.abs() > 1e-9);
             prop_assert_eq!(inside_m > 0.0, geometry.surface(psi_rad) == Surface::Plateau);
+        }
+    }
+
+    #[test]
+    fn poses_on_the_grid_stay_and_others_move_by_half_a_step_at_most() {
+        let tray = MountedTray::new(TrayGeometry::PAPER);
+        let camera = CameraModel::new(CameraSpec {
+            width_px: 640,
+            height_px: 480,
+            focal_length_px: None,
+            platen_m_per_px: Some(0.000_4),
+            principal_point_px: None,
+            distortion: Distortion::default(),
+            pose: CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 },
+        })
+        .unwrap();
+        let step_m = 0.1 * camera.m_per_px(tray.plateau_height_m());
+        for index in 0..100 {
+            let odd = f64::from(index) * 1.618e-5;
+            let pose = Isometry2::new(Vector2::new(0.3 + odd, 0.2 - odd), -0.1 + 3.0 * odd);
+            let rounded = tray.on_grid(&camera, &pose, 0.1);
+            let moved = rounded.translation.vector - pose.translation.vector;
+            assert!(moved.amax() < 0.501 * step_m, "{moved}");
+            let turned = rounded.rotation.angle_to(&pose.rotation);
+            assert!(turned.abs() * tray.geometry.outer_radius_m < 0.501 * step_m, "{turned}");
+            let near = Isometry2::new(Vector2::repeat(1e-9), 1e-9) * rounded;
+            assert_eq!(tray.on_grid(&camera, &near, 0.1), rounded, "and so one place has one pose");
         }
     }
 

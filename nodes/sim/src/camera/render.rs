@@ -53,7 +53,7 @@ impl Renderer {
     ///
     /// [`OutOfRange`] if a part lies in a resting pose that the scene does not know, or at no finite place.
     pub fn render(
-        &self,
+        &mut self,
         shot: &TrayShot,
         parts: &[PartView],
         noise: &mut impl Rng,
@@ -73,12 +73,12 @@ impl Renderer {
     }
 
     /// Paints platen and tray, averaged over the exposure where they move.
-    fn paint_tray(&self, shot: &TrayShot, image: &mut GrayImage) {
+    fn paint_tray(&mut self, shot: &TrayShot, image: &mut GrayImage) {
         let rim_m_s = shot.velocity_m_s.norm() + shot.yaw_rate_rad_s.abs() * self.mounted.geometry.outer_radius_m;
         let motion_px = rim_m_s * self.exposure_s / self.camera.m_per_px(self.mounted.plateau_height_m());
         let count = (motion_px / SHARP_PX).ceil().clamp(1.0, SUB_SHOTS_MAX);
         if count <= 1.0 {
-            self.tray.paint(&shot.platen_from_tray, image);
+            self.tray.paint_at_rest(&shot.platen_from_tray, image);
             return;
         }
         let mut sums = vec![0_u16; image.len()];
@@ -144,7 +144,7 @@ mod tests {
 
     fn picture(scene: &Scene, shot: &TrayShot, parts: &[PartView]) -> GrayImage {
         let mut image = GrayImage::default();
-        let renderer = Renderer::new(scene).unwrap();
+        let mut renderer = Renderer::new(scene).unwrap();
         renderer.render(shot, parts, &mut Pcg64Mcg::seed_from_u64(1), &mut image).unwrap();
         image
     }
@@ -165,9 +165,9 @@ mod tests {
 
     #[test]
     fn the_same_inputs_give_the_same_bytes_and_another_seed_other_noise() {
-        let renderer = Renderer::new(&scene("grommet", 2.0)).unwrap();
+        let mut renderer = Renderer::new(&scene("grommet", 2.0)).unwrap();
         let parts: Vec<PartView> = (0..30).map(|i| part(0.07, f64::from(i) * 0.2, HOLE_UP)).collect();
-        let shoot = |seed| {
+        let mut shoot = |seed| {
             let mut image = GrayImage::default();
             renderer.render(&under_camera(), &parts, &mut Pcg64Mcg::seed_from_u64(seed), &mut image).unwrap();
             image
@@ -309,8 +309,8 @@ mod tests {
         noisy.sensor = SensorModel::default();
         noisy.part.poses.clear();
         assert_eq!(Renderer::new(&noisy).unwrap_err().parameter, "part.poses");
-        let renderer = Renderer::new(&scene("grommet", 2.0)).unwrap();
-        let shoot = |view: PartView| {
+        let mut renderer = Renderer::new(&scene("grommet", 2.0)).unwrap();
+        let mut shoot = |view: PartView| {
             let mut image = GrayImage::default();
             renderer.render(&under_camera(), &[view], &mut Pcg64Mcg::seed_from_u64(1), &mut image)
         };

@@ -3,6 +3,8 @@
 //! The lattice of `tile` is filled here: for every lattice point, where it lies on each surface of the tray and how much
 //! light that surface sends back.
 
+use std::collections::VecDeque;
+
 use nalgebra::{Isometry2, Point2, Vector2};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -11,6 +13,12 @@ use super::scene::Scene;
 use super::surfaces::{MOTTLE_CELLS, TrayPose};
 use super::tile::{TILE, paint_tile};
 use feeder_model::camera::{grey_level, single};
+
+/// A tray at rest is painted where it stands to this share of a pixel: far less than a grey level.
+const STEP_PX: f64 = 1.0 / 64.0;
+/// Pictures of the tray at rest that are kept. A tray that vibrates comes back to a place as soon as a whole number of periods
+/// has passed between pictures.
+const KEPT: usize = 8;
 
 /// Precomputed view of a camera on the platen, ready to paint the tray at any pose.
 #[derive(Clone, Debug)]
@@ -25,6 +33,8 @@ pub(crate) struct TrayPainter {
     /// The picture of the bare platen.
     platen: Vec<u8>,
     mottle: Vec<f32>,
+    /// The latest poses in which the tray was painted at rest, with their pictures, the latest first.
+    kept: VecDeque<(Isometry2<f64>, Vec<u8>)>,
 }
 
 impl TrayPainter {
@@ -47,7 +57,21 @@ impl TrayPainter {
         let amplitude = single(scene.tray_appearance.mottling_ratio);
         let mottle =
             (0..MOTTLE_CELLS * MOTTLE_CELLS).map(|_| 1.0 + amplitude * generator.random_range(-1.0..1.0)).collect();
-        Self { scene: scene.clone(), width, node_columns, rays, white, platen: bare_platen(scene), mottle }
+        Self { scene: scene.clone(), width, node_columns, rays, white, platen: bare_platen(scene), mottle, kept: VecDeque::new() }
+    }
+
+    /// Paints platen and tray at rest over the whole picture; where the tray stood a short time ago, what was painted then.
+    pub(crate) fn paint_at_rest(&mut self, platen_from_tray: &Isometry2<f64>, pixels: &mut [u8]) {
+        let Scene { tray, camera, .. } = &self.scene;
+        let place = tray.on_grid(camera, platen_from_tray, STEP_PX);
+        if let Some(index) = self.kept.iter().position(|(kept, _)| *kept == place) {
+            self.kept.make_contiguous()[..=index].rotate_right(1);
+            pixels.copy_from_slice(&self.kept[0].1);
+            return;
+        }
+        self.paint(&place, pixels);
+        self.kept.truncate(KEPT - 1);
+        self.kept.push_front((place, pixels.to_vec()));
     }
 
     /// Paints platen and tray over the whole picture.
@@ -104,10 +128,9 @@ mod tests {
     use feeder_model::camera::{CameraModel, CameraPose, CameraSpec, Distortion, MountedTray};
     use feeder_model::tray::TrayGeometry;
 
-    #[test]
-    fn verif_interpolated_picture_against_the_exact_one() {
+    fn scene() -> Scene {
         let pose = CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.2 };
-        let scene = Scene {
+        Scene {
             camera: CameraModel::new(CameraSpec {
                 width_px: 640,
                 height_px: 480,
@@ -123,7 +146,47 @@ mod tests {
             part: PartSolid::of_catalogue("grommet"),
             light: LightModel::default(),
             sensor: SensorModel::default(),
+        }
+    }
+
+    #[test]
+    fn a_picture_that_was_kept_is_the_one_that_would_be_painted() {
+        let mut painter = TrayPainter::new(&scene());
+        let at = |x_m: f64, yaw_rad: f64| Isometry2::new(nalgebra::Vector2::new(x_m, 0.28), yaw_rad);
+        let shot = |painter: &mut TrayPainter, pose: Isometry2<f64>| {
+            let mut pixels = vec![0; 640 * 480];
+            painter.paint_at_rest(&pose, &mut pixels);
+            pixels
         };
+        // Twelve places are four more than are kept; on the way back the later ones are at hand, the others are not.
+        let places = (0..12).map(|index| at(0.3 + 0.001 * f64::from(index), -0.002 * f64::from(index)));
+        for pose in places.clone().chain(places.rev()) {
+            let mut fresh = TrayPainter::new(&painter.scene);
+            assert!(shot(&mut painter, pose) == shot(&mut fresh, pose), "{pose}");
+            assert!(painter.kept.len() <= KEPT);
+        }
+        assert!(shot(&mut painter, at(0.3, 0.0)) != shot(&mut painter, at(0.300_05, 0.0)), "50 µm are seen");
+    }
+
+    #[test]
+    fn verif_a_picture_at_rest_is_within_a_grey_level_of_the_one_at_the_very_place() {
+        let mut painter = TrayPainter::new(&scene());
+        let (mut rounded, mut exact) = (vec![0_u8; 640 * 480], vec![0; 640 * 480]);
+        for index in 0..10 {
+            let odd = f64::from(index) * 1.618e-6;
+            let pose = Isometry2::new(nalgebra::Vector2::new(0.31 + odd, 0.28 - odd), -0.02 + 7.0 * odd);
+            painter.paint_at_rest(&pose, &mut rounded);
+            painter.paint(&pose, &mut exact);
+            let off = |limit: u8| rounded.iter().zip(&exact).filter(|(a, b)| a.abs_diff(**b) > limit).count();
+            assert_eq!(off(2), 0);
+            // Outlines of 100 levels and more move by a hundredth of a pixel.
+            assert!(off(1) < 300, "{} pixels", off(1));
+        }
+    }
+
+    #[test]
+    fn verif_interpolated_picture_against_the_exact_one() {
+        let scene = scene();
         let painter = TrayPainter::new(&scene);
         let platen_from_tray = Isometry2::new(nalgebra::Vector2::new(0.31, 0.28), -0.02);
         let mut pixels = vec![0; 640 * 480];

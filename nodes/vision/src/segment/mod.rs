@@ -6,7 +6,7 @@ mod light;
 mod walls;
 
 use image::GrayImage;
-use nalgebra::{Point2, Vector2};
+use nalgebra::{Isometry2, Point2, Vector2};
 
 use super::ImageFault;
 use super::blobs::Blobs;
@@ -68,10 +68,16 @@ pub(super) struct Uncovered {
     pub px: usize,
 }
 
+/// Where the plateau's pixels lie on it is worked out for the tray to this share of a pixel.
+const STEP_PX: f64 = 1.0 / 32.0;
+
 /// A frame taken apart.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Segmentation {
     pub window: Window,
+    /// The tray's pose and the shade of the walls by bin for which `bins`, `shade` and `outward` were worked out; `None` when they
+    /// have been changed since.
+    mapped: Option<(Isometry2<f64>, Vec<[f32; 3]>)>,
     /// Smoothed image, in sixteenths of a grey level.
     smooth: Vec<i16>,
     /// Radial bin of each pixel, 0 off the plateau.
@@ -111,21 +117,11 @@ impl Segmentation {
         contrast_min_levels: f64,
         blob_px_min: usize,
     ) -> Result<(), ImageFault> {
-        self.window = view.plateau_window().ok_or(ImageFault::PlateauOutOfView)?;
-        let geometry = &view.tray.geometry;
-        let bin_m = (geometry.outer_radius_m - geometry.inner_radius_m) / RADIAL_BINS as f64;
+        self.map(view, rays, plateau)?;
         let window = self.window;
-        self.bins.resize(window.len(), 0);
-        self.shade.resize(window.len(), 1.0);
-        self.outward.resize(window.len(), [0.0; 2]);
         self.smooth.resize(window.len(), 0);
         self.relative.resize(window.len(), 0);
         self.foreground.resize(window.len(), 0);
-        let rows = self.bins.chunks_mut(window.width).zip(self.shade.chunks_mut(window.width));
-        let rows = rows.zip(self.outward.chunks_mut(window.width));
-        for (row, ((bins, shade), outward)) in rows.enumerate() {
-            rays.plateau_row(view, window, row, bin_m, &plateau.shade, bins, shade, outward);
-        }
         smooth(image, window, &mut self.smooth);
         let across = Across { width: image.width() as usize, height: image.height() as usize, window };
         // Parts hide the plateau, and shade what they leave of it, but not the hub.
@@ -141,6 +137,7 @@ impl Segmentation {
         self.sigma = sigma_levels / light[0].max(1.0);
         if follows && plateau.taught.is_some() {
             self.follow_shade(&across, &light);
+            self.mapped = None;
         }
         let threshold = single(contrast_min_levels).max(SIGMAS * sigma_levels);
         self.threshold = threshold / light[0].max(1.0);
@@ -161,6 +158,30 @@ impl Segmentation {
             }
         }
         self.blobs.drop_specks(&mut self.foreground, window.width, blob_px_min);
+        Ok(())
+    }
+
+    /// Works out where each pixel of the window lies on the plateau, unless the tray still stands where it did.
+    fn map(&mut self, view: &View, rays: &RayTable, plateau: &Plateau) -> Result<(), ImageFault> {
+        let place = view.tray.on_grid(view.camera, &view.platen_from_tray, STEP_PX);
+        if self.mapped.as_ref().is_some_and(|(at, shade)| *at == place && *shade == plateau.shade) {
+            return Ok(());
+        }
+        self.mapped = None;
+        let view = View { platen_from_tray: place, ..*view };
+        self.window = view.plateau_window().ok_or(ImageFault::PlateauOutOfView)?;
+        let geometry = &view.tray.geometry;
+        let bin_m = (geometry.outer_radius_m - geometry.inner_radius_m) / RADIAL_BINS as f64;
+        let window = self.window;
+        self.bins.resize(window.len(), 0);
+        self.shade.resize(window.len(), 1.0);
+        self.outward.resize(window.len(), [0.0; 2]);
+        let rows = self.bins.chunks_mut(window.width).zip(self.shade.chunks_mut(window.width));
+        let rows = rows.zip(self.outward.chunks_mut(window.width));
+        for (row, ((bins, shade), outward)) in rows.enumerate() {
+            rays.plateau_row(&view, window, row, bin_m, &plateau.shade, bins, shade, outward);
+        }
+        self.mapped = Some((place, plateau.shade.clone()));
         Ok(())
     }
 

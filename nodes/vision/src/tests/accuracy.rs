@@ -19,14 +19,14 @@ struct Score {
 
 fn score(part: &PartType, sigma: f64, part_count: usize, apart_m: f64, frames: u32) -> Score {
     let scene = scene(part, sigma);
-    let renderer = Renderer::new(&scene).unwrap();
+    let mut renderer = Renderer::new(&scene).unwrap();
     let config = SelectorConfig { wanted_poses: part.wanted_poses.clone(), ..SelectorConfig::default() };
     let mut selector = Selector::new(config, &scene.camera, &scene.tray, &taught(part)).unwrap();
     let mut random = Pcg64Mcg::seed_from_u64(7);
     let mut score = Score::default();
     for _ in 0..frames {
         let parts = strewn(part, None, part_count, apart_m, &mut random);
-        let image = shoot(&renderer, &over_camera(), &parts, &mut random);
+        let image = shoot(&mut renderer, &over_camera(), &parts, &mut random);
         let bytes = codec::encode(&image, codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX).unwrap();
         let candidates = selector.detect(&crate::decode(&bytes).unwrap(), &over_camera()).unwrap();
         let near = |laid: &LaidPart, candidate: &Candidate| {

@@ -55,7 +55,7 @@ fn over_camera() -> Isometry2<f64> {
     Isometry2::new(Vector2::new(0.3, 0.34), 0.0)
 }
 
-fn shoot(renderer: &Renderer, pose: &Isometry2<f64>, parts: &[LaidPart], noise: &mut Pcg64Mcg) -> GrayImage {
+fn shoot(renderer: &mut Renderer, pose: &Isometry2<f64>, parts: &[LaidPart], noise: &mut Pcg64Mcg) -> GrayImage {
     let view = |part: &LaidPart| PartView {
         x_m: part.place.x,
         y_m: part.place.y,
@@ -72,7 +72,7 @@ fn shoot(renderer: &Renderer, pose: &Isometry2<f64>, parts: &[LaidPart], noise: 
 
 /// A picture of grommets with little noise and the tray under the camera.
 fn simple_picture(parts: &[LaidPart]) -> GrayImage {
-    shoot(&Renderer::new(&scene(&GROMMET, 2.0)).unwrap(), &over_camera(), parts, &mut Pcg64Mcg::seed_from_u64(11))
+    shoot(&mut Renderer::new(&scene(&GROMMET, 2.0)).unwrap(), &over_camera(), parts, &mut Pcg64Mcg::seed_from_u64(11))
 }
 
 /// Parts strewn over the plateau, `apart_m` from centre to centre at least.
@@ -109,7 +109,7 @@ fn drawing(part: &PartType) -> TeachSpec {
 
 fn taught(part: &PartType) -> PartModel {
     let scene = scene(part, 2.0);
-    let renderer = Renderer::new(&scene).unwrap();
+    let mut renderer = Renderer::new(&scene).unwrap();
     let mut random = Pcg64Mcg::seed_from_u64(42);
     let mut lessons: Vec<Vec<LaidPart>> = vec![Vec::new(); 6];
     for pose in 0..part.poses.len() {
@@ -117,7 +117,7 @@ fn taught(part: &PartType) -> PartModel {
         lessons.extend((0..16).map(|_| strewn(part, Some(pose), 9, apart_m, &mut random)));
     }
     let images: Vec<GrayImage> =
-        lessons.iter().map(|parts| shoot(&renderer, &over_camera(), parts, &mut random)).collect();
+        lessons.iter().map(|parts| shoot(&mut renderer, &over_camera(), parts, &mut random)).collect();
     let frames: Vec<TeachFrame> = images
         .iter()
         .zip(&lessons)
@@ -165,8 +165,8 @@ fn a_blank_picture_stops_selection_and_a_good_one_resumes_it() {
 fn over_exposure_yields_no_candidates() {
     let mut bright = scene(&GROMMET, 2.0);
     bright.light.white_level = 2_000.0;
-    let renderer = Renderer::new(&bright).unwrap();
-    let image = shoot(&renderer, &over_camera(), &[at(0.06, 4.0, 0)], &mut Pcg64Mcg::seed_from_u64(1));
+    let mut renderer = Renderer::new(&bright).unwrap();
+    let image = shoot(&mut renderer, &over_camera(), &[at(0.06, 4.0, 0)], &mut Pcg64Mcg::seed_from_u64(1));
     assert_eq!(selector().process(0.0, &image, &over_camera()), Err(ImageFault::OverExposed));
 }
 
@@ -195,9 +195,9 @@ fn assert_seen(candidates: &[Candidate], parts: &[LaidPart]) {
 fn more_or_less_light_changes_nothing() {
     let mut dim = scene(&GROMMET, 2.0);
     dim.light = LightModel { white_level: 150.0, gradient_down_ratio: 0.0, ..LightModel::default() };
-    let renderer = Renderer::new(&dim).unwrap();
+    let mut renderer = Renderer::new(&dim).unwrap();
     let parts: Vec<LaidPart> = (0..7_u32).map(|i| at(0.065, 3.5 + 0.4 * f64::from(i), (i % 2) as usize)).collect();
-    let image = shoot(&renderer, &over_camera(), &parts, &mut Pcg64Mcg::seed_from_u64(9));
+    let image = shoot(&mut renderer, &over_camera(), &parts, &mut Pcg64Mcg::seed_from_u64(9));
     assert_seen(&selector().detect(&image, &over_camera()).unwrap(), &parts);
 }
 
@@ -271,8 +271,8 @@ fn light_that_falls_otherwise_is_told_and_looked_at_twice() {
     assert!(!selector.health().light_differs(), "{:?}", selector.health());
     let mut other = scene(&GROMMET, 2.0);
     other.light.gradient_right_ratio += 0.05;
-    let renderer = Renderer::new(&other).unwrap();
-    let image = shoot(&renderer, &over_camera(), &parts, &mut Pcg64Mcg::seed_from_u64(9));
+    let mut renderer = Renderer::new(&other).unwrap();
+    let image = shoot(&mut renderer, &over_camera(), &parts, &mut Pcg64Mcg::seed_from_u64(9));
     assert_seen(&selector.detect(&image, &over_camera()).unwrap(), &parts);
     assert!(selector.health().causes().contains(&HealthCause::LightDiffers), "{:?}", selector.health());
 }
@@ -350,7 +350,7 @@ fn what_may_be_picked_is_sure_and_has_room_in_whatever_pose() {
 
 #[test]
 fn parts_keep_their_identity_and_their_motion_is_foreseen() {
-    let renderer = Renderer::new(&scene(&GROMMET, 2.0)).unwrap();
+    let mut renderer = Renderer::new(&scene(&GROMMET, 2.0)).unwrap();
     let mut noise = Pcg64Mcg::seed_from_u64(3);
     let mut selector = selector();
     let place = |frame: i32, lane: i32| {
@@ -359,7 +359,7 @@ fn parts_keep_their_identity_and_their_motion_is_foreseen() {
     let mut last = Vec::new();
     for frame in 0..15 {
         let parts: Vec<LaidPart> = (0..3).map(|lane| place(frame, lane)).collect();
-        let image = shoot(&renderer, &over_camera(), &parts, &mut noise);
+        let image = shoot(&mut renderer, &over_camera(), &parts, &mut noise);
         let tracked = selector.process(0.1 * f64::from(frame), &image, &over_camera()).unwrap();
         if frame > 0 {
             let ids = |parts: &[TrackedCandidate]| parts.iter().map(|part| part.id).collect::<Vec<_>>();
@@ -396,9 +396,9 @@ fn the_same_frames_give_the_same_selection_and_a_stored_model_does_too() {
 #[test]
 fn teaching_refuses_poses_that_look_the_same_or_are_not_shown() {
     let scene = scene(&GROMMET, 2.0);
-    let renderer = Renderer::new(&scene).unwrap();
+    let mut renderer = Renderer::new(&scene).unwrap();
     let mut random = Pcg64Mcg::seed_from_u64(1);
-    let bare = shoot(&renderer, &over_camera(), &[], &mut random);
+    let bare = shoot(&mut renderer, &over_camera(), &[], &mut random);
     let bare = TeachFrame { image: &bare, platen_from_tray: over_camera(), parts: &[] };
     let spec = drawing(&GROMMET);
     let taught = |frames: &[TeachFrame], spec: &TeachSpec| teach(frames, &scene.camera, &scene.tray, spec);
@@ -406,7 +406,7 @@ fn teaching_refuses_poses_that_look_the_same_or_are_not_shown() {
     assert!(matches!(taught(&[bare], &spec), Err(TeachError::TooFew { pose: 0, shown: 0 })));
     // Parts that all lie in one pose, half of them said to lie in another.
     let parts = strewn(&GROMMET, Some(0), 40, 0.009, &mut random);
-    let image = shoot(&renderer, &over_camera(), &parts, &mut random);
+    let image = shoot(&mut renderer, &over_camera(), &parts, &mut random);
     let said: Vec<LaidPart> = parts.iter().enumerate().map(|(i, part)| LaidPart { pose: i % 2, ..*part }).collect();
     let lied = TeachFrame { image: &image, platen_from_tray: over_camera(), parts: &said };
     assert!(matches!(taught(&[bare, lied], &spec), Err(TeachError::NotRecognised { .. })));

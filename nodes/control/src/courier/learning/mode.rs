@@ -47,13 +47,14 @@ impl TrayMode {
     pub(super) fn fit(ratios: &[Ratio], known: bool) -> Option<Self> {
         let evidence = if known { Self::EVIDENCE_LEFT } else { Self::EVIDENCE };
         let (lowest, highest) = (ratios.first()?.omega_rad_s, ratios.last()?.omega_rad_s);
-        let without = squares(ratios, |_| Complex::from(0.0))?.1;
+        let squares = Squares::of(ratios);
+        let without = squares.least(|_| Complex::from(0.0))?.1;
         let mut best: Option<(Self, f64)> = None;
         let mut omega_rad_s = 1.5 * lowest;
         while omega_rad_s < Self::BEYOND * highest {
             for damping in Self::DAMPINGS {
                 let mode = Self { omega_rad_s, damping, residue: 1.0, factor: 1.0, covariance: Matrix3::zeros() };
-                let Some((solution, left)) = squares(ratios, |omega| -omega * omega / mode.denominator(omega)) else {
+                let Some((solution, left)) = squares.least(|omega| -omega * omega / mode.denominator(omega)) else {
                     continue;
                 };
                 if best.is_none_or(|(_, least)| left < least) {
@@ -161,27 +162,47 @@ impl TrayMode {
     }
 }
 
-/// Least squares of the ratios by a + i b ω + φ `shape`: (a, b, φ), and the sum of squares that is left.
-fn squares(ratios: &[Ratio], shape: impl Fn(f64) -> Complex<f64>) -> Option<(Vector3<f64>, f64)> {
-    let (mut matrix, mut moment, mut sum) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
-    let highest = ratios.last()?.omega_rad_s;
-    for ratio in ratios {
-        let weight = ratio.deviation.powi(-2);
-        let shape = shape(ratio.omega_rad_s);
-        let slopes = [
-            (Vector3::new(1.0, 0.0, shape.re), ratio.ratio.re),
-            (Vector3::new(0.0, ratio.omega_rad_s / highest, shape.im), ratio.ratio.im),
-        ];
-        for (slope, value) in slopes {
-            matrix += slope * slope.transpose() * weight;
-            moment += slope * (value * weight);
-            sum += value * value * weight;
+/// Least squares of the ratios by a + i b ω + φ times a shape: what does not depend on the shape, summed once.
+struct Squares<'a> {
+    ratios: &'a [Ratio],
+    highest_rad_s: f64,
+    matrix: Matrix3<f64>,
+    moment: Vector3<f64>,
+    sum: f64,
+}
+
+impl<'a> Squares<'a> {
+    fn of(ratios: &'a [Ratio]) -> Self {
+        let highest_rad_s = ratios.last().map_or(1.0, |ratio| ratio.omega_rad_s);
+        let mut squares =
+            Self { ratios, highest_rad_s, matrix: Matrix3::zeros(), moment: Vector3::zeros(), sum: 0.0 };
+        for ratio in ratios {
+            let (weight, late) = (ratio.deviation.powi(-2), ratio.omega_rad_s / highest_rad_s);
+            squares.matrix += Matrix3::from_diagonal(&Vector3::new(1.0, late * late, 0.0)) * weight;
+            squares.moment += Vector3::new(ratio.ratio.re, late * ratio.ratio.im, 0.0) * weight;
+            squares.sum += ratio.ratio.norm_sqr() * weight;
         }
+        // A shape of nothing leaves φ open.
+        squares.matrix[(2, 2)] = 1e-9 * (1.0 + squares.matrix[(0, 0)]);
+        squares
     }
-    // A shape of nothing leaves φ open.
-    matrix[(2, 2)] += 1e-9 * (1.0 + matrix[(0, 0)]);
-    let solution = matrix.cholesky()?.solve(&moment);
-    Some((solution, sum - solution.dot(&moment)))
+
+    /// (a, b, φ), and the sum of squares that is left.
+    fn least(&self, shape: impl Fn(f64) -> Complex<f64>) -> Option<(Vector3<f64>, f64)> {
+        let (mut real, mut imaginary, mut square, mut moment) = (0.0, 0.0, 0.0, 0.0);
+        for ratio in self.ratios {
+            let weight = ratio.deviation.powi(-2);
+            let shape = shape(ratio.omega_rad_s);
+            real += weight * shape.re;
+            imaginary += weight * shape.im * (ratio.omega_rad_s / self.highest_rad_s);
+            square += weight * shape.norm_sqr();
+            moment += weight * (shape.re * ratio.ratio.re + shape.im * ratio.ratio.im);
+        }
+        let of_shape = Matrix3::new(0.0, 0.0, real, 0.0, 0.0, imaginary, real, imaginary, square);
+        let moment = self.moment + Vector3::new(0.0, 0.0, moment);
+        let solution = (self.matrix + of_shape).cholesky()?.solve(&moment);
+        Some((solution, self.sum - solution.dot(&moment)))
+    }
 }
 
 #[cfg(test)]
