@@ -159,6 +159,19 @@ impl Selector {
         candidates.map(|_| tracked)
     }
 
+    /// As [`Self::process`] of a frame that shows no plateau, as far as `platen_from_tray` tells that without a look at it.
+    ///
+    /// # Errors
+    ///
+    /// [`ImageFault::PlateauOutOfView`].
+    pub fn glance(&mut self, stamp_s: f64, platen_from_tray: &Isometry2<f64>) -> Result<(), ImageFault> {
+        if self.sight.taught.view(platen_from_tray).plateau_window().is_none() {
+            self.tracker.update(stamp_s, &[]);
+            return Err(ImageFault::PlateauOutOfView);
+        }
+        Ok(())
+    }
+
     /// The parts a single frame shows, the surest match first.
     ///
     /// # Errors

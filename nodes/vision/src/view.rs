@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Isometry2, Matrix2, Point2, Point3, Vector2};
 
-use feeder_model::camera::{CameraModel, MountedTray};
+use feeder_model::camera::{CameraModel, MountedTray, grey_level};
 
 /// Pixels at the border of the image that are never looked at, so that filters need no border of their own.
 pub(super) const BORDER_PX: usize = 2;
@@ -163,7 +163,7 @@ impl RayTable {
         let start = (window.top + row) * self.width + window.left;
         let rays = self.x[start..start + window.width].iter().zip(&self.y[start..start + window.width]);
         let (yaw_cos, yaw_sin) = (single(yaw.re), single(yaw.im));
-        for (((bin, shade), outward), (ray_x, ray_y)) in bins.iter_mut().zip(shades).zip(outwards).zip(rays) {
+        for ((bin, outward), (ray_x, ray_y)) in bins.iter_mut().zip(&mut *outwards).zip(rays) {
             let (along_x, along_y) = (cos * ray_x + sin * ray_y, cos * ray_y - sin * ray_x);
             let (x, y) = (eye.x + along_x, eye.y + along_y);
             let radius = (x * x + y * y).sqrt();
@@ -173,14 +173,16 @@ impl RayTable {
             let sector = if wide { (-y).max(beyond_ramp) } else { (-y).min(beyond_ramp) };
             let between = |radius: f32| (radius > inner) & (radius < outer);
             let inside = (sector > 0.0) & between(radius) & between(top_radius);
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
-            let distance = ((radius - inner) * bins_per_m) as u8;
-            *bin = if inside { distance.saturating_add(1) } else { 0 };
-            let [constant, cos, sin] = profile.get(usize::from(*bin)).copied().unwrap_or([1.0, 0.0, 0.0]);
+            // The nearest whole number to half a bin further on is 1 + the bins that are full.
+            let number = grey_level((radius - inner) * bins_per_m + 0.5).max(1);
+            *bin = if inside { number } else { 0 };
             // The direction from the tray's centre, in the platen's axes.
             let per_m = 1.0 / radius.max(1e-6);
             *outward = [(yaw_cos * x - yaw_sin * y) * per_m, (yaw_sin * x + yaw_cos * y) * per_m];
-            *shade = constant + cos * outward[0] + sin * outward[1];
+        }
+        for ((shade, bin), [x, y]) in shades.iter_mut().zip(bins).zip(outwards) {
+            let [constant, cos, sin] = profile.get(usize::from(*bin)).copied().unwrap_or([1.0, 0.0, 0.0]);
+            *shade = constant + cos * *x + sin * *y;
         }
     }
 }

@@ -197,10 +197,11 @@ impl Sight {
     pub(crate) fn look(&mut self, frame: &Frame) -> Result<Picture, LookError> {
         let stamp_ns = frame.stamp_ns();
         let platen_from_tray = self.poses.at(stamp_ns)?;
+        let stamp_s = Duration::from_nanos(stamp_ns).as_secs_f64();
+        self.selector.glance(stamp_s, &platen_from_tray)?;
         let camera = &self.config.camera;
         let image = frame.grey().map_err(|error| LookError::Decode(error.to_string()))?;
         let image = binned(image, (camera.width_px(), camera.height_px()));
-        let stamp_s = Duration::from_nanos(stamp_ns).as_secs_f64();
         // A picture in which no plateau is to be seen says that first, and where the rim is not after it.
         let tracked = self.selector.process(stamp_s, &image, &platen_from_tray)?;
         self.health.note(self.selector.health());

@@ -1,7 +1,7 @@
 //! JPEG for transport: small enough for one DDS sample, good enough for the selector.
 
 use image::GrayImage;
-use jpeg_encoder::{ColorType, Encoder};
+use jpeg_encoder::{Encoder, ImageBuffer, JpegColorType};
 
 /// The quality tried first: what frames with usual noise take without a second attempt.
 pub const DEFAULT_QUALITY: u8 = 85;
@@ -38,6 +38,29 @@ pub enum EncodeError {
     },
 }
 
+/// A mono picture, for the encoder to take row by row: its own way takes pixel by pixel.
+struct Rows<'a>(&'a GrayImage);
+
+impl ImageBuffer for Rows<'_> {
+    fn get_jpeg_color_type(&self) -> JpegColorType {
+        JpegColorType::Luma
+    }
+
+    // Sides beyond u16 become 0, which the encoder refuses.
+    fn width(&self) -> u16 {
+        u16::try_from(self.0.width()).unwrap_or(0)
+    }
+
+    fn height(&self) -> u16 {
+        u16::try_from(self.0.height()).unwrap_or(0)
+    }
+
+    fn fill_buffers(&self, row: u16, buffers: &mut [Vec<u8>; 4]) {
+        let width = usize::from(self.width());
+        buffers[0].extend_from_slice(&self.0.as_raw()[usize::from(row) * width..][..width]);
+    }
+}
+
 /// Codes a mono picture at the best quality, from `quality` (1 to 100) downwards, that takes at most `bytes_max`.
 ///
 /// # Errors
@@ -48,10 +71,8 @@ pub fn encode(image: &GrayImage, quality: u8, bytes_max: usize) -> Result<Vec<u8
     let mut quality = quality.clamp(1, 100);
     loop {
         let mut bytes = Vec::with_capacity(bytes_max);
-        // Sides beyond u16 become 0, which the encoder refuses.
-        let side = |size: u32| u16::try_from(size).unwrap_or(0);
         Encoder::new(&mut bytes, quality)
-            .encode(image, side(width_px), side(height_px), ColorType::Luma)
+            .encode_image(Rows(image))
             .map_err(|source| EncodeError::Encoder { width_px, height_px, source })?;
         if bytes.len() <= bytes_max {
             return Ok(bytes);
@@ -67,6 +88,7 @@ pub fn encode(image: &GrayImage, quality: u8, bytes_max: usize) -> Result<Vec<u8
 #[cfg(test)]
 mod tests {
     use image::Luma;
+    use jpeg_encoder::ColorType;
     use proptest::prelude::*;
     use rand::{Rng, SeedableRng};
     use rand_pcg::Pcg64Mcg;

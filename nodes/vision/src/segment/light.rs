@@ -137,8 +137,9 @@ impl Across {
         let v = self.v(row);
         let (constant, linear) = (c + cv * v + cvv * v * v, cu + cuv * v);
         let (start, step) = (self.u(0), 2.0 / self.width as f32);
-        (0..self.window.width).map(move |column| {
-            let u = start + column as f32 * step;
+        // Sides are at most 4096 px, and what has 16 bits becomes a float in vector instructions.
+        (0..u16::try_from(self.window.width).unwrap_or(u16::MAX)).map(move |column| {
+            let u = start + f32::from(column) * step;
             constant + u * (linear + u * cuu)
         })
     }

@@ -12,7 +12,7 @@ use super::ImageFault;
 use super::blobs::Blobs;
 use super::modes::Light;
 use super::view::{RayTable, View, Window};
-use feeder_model::camera::single;
+use feeder_model::camera::{nearest_i16, single};
 use light::Across;
 pub(super) use light::hub_level;
 pub(super) use walls::PlateauSums;
@@ -141,20 +141,18 @@ impl Segmentation {
         }
         let threshold = single(contrast_min_levels).max(SIGMAS * sigma_levels);
         self.threshold = threshold / light[0].max(1.0);
+        let mut levels = vec![0.0; window.width];
         for row in 0..window.height {
             let range = row * window.width..(row + 1) * window.width;
+            levels.iter_mut().zip(across.light_row(&light, row)).for_each(|(level, light)| *level = light);
             let outputs = self.relative[range.clone()].iter_mut().zip(&mut self.foreground[range.clone()]);
             let inputs = self.smooth[range.clone()].iter().zip(&self.bins[range.clone()]).zip(&self.shade[range]);
-            let levels = across.light_row(&light, row);
-            for (((relative, foreground), ((value, bin), shade)), level) in outputs.zip(inputs).zip(levels) {
+            for (((relative, foreground), ((value, bin), shade)), level) in outputs.zip(inputs).zip(&levels) {
                 let on_plateau = f32::from(u8::from(*bin > 0));
                 let value = f32::from(*value) * (1.0 / LEVELS);
                 *foreground = u8::from((value - level * shade).abs() * on_plateau > threshold);
                 let light = level.max(1.0);
-                let ratio = ((value - light) * on_plateau / light * RELATIVE_UNITS).clamp(-32_000.0, 32_000.0);
-                #[expect(clippy::cast_possible_truncation, reason = "clamped to i16")]
-                let ratio = ratio as i16;
-                *relative = ratio;
+                *relative = nearest_i16((value - light) * on_plateau / light * RELATIVE_UNITS);
             }
         }
         self.blobs.drop_specks(&mut self.foreground, window.width, blob_px_min);
