@@ -4,7 +4,7 @@ use image::GrayImage;
 use jpeg_encoder::{Encoder, ImageBuffer, JpegColorType};
 
 /// The quality tried first: what frames with usual noise take without a second attempt.
-pub const DEFAULT_QUALITY: u8 = 85;
+pub const DEFAULT_QUALITY: u8 = 75;
 /// The most bytes a frame may take, so that with its header it stays below 64 kB.
 pub const DEFAULT_BYTES_MAX: usize = 60_000;
 /// Quality lost per attempt for a frame just too large, and as often again as it is times too large.
