@@ -162,41 +162,53 @@ impl TrayMode {
     }
 }
 
-/// Least squares of the ratios by a + i b ω + φ times a shape: what does not depend on the shape, summed once.
-struct Squares<'a> {
-    ratios: &'a [Ratio],
-    highest_rad_s: f64,
+/// Least squares of the ratios by a + i b ω + φ times a shape: what does not depend on the shape, worked out once.
+struct Squares {
+    terms: Vec<Term>,
     matrix: Matrix3<f64>,
     moment: Vector3<f64>,
     sum: f64,
 }
 
-impl<'a> Squares<'a> {
-    fn of(ratios: &'a [Ratio]) -> Self {
+/// What one ratio adds.
+struct Term {
+    omega_rad_s: f64,
+    ratio: Complex<f64>,
+    weight: f64,
+    /// The frequency relative to the highest.
+    late: f64,
+}
+
+impl Squares {
+    fn of(ratios: &[Ratio]) -> Self {
         let highest_rad_s = ratios.last().map_or(1.0, |ratio| ratio.omega_rad_s);
-        let mut squares =
-            Self { ratios, highest_rad_s, matrix: Matrix3::zeros(), moment: Vector3::zeros(), sum: 0.0 };
-        for ratio in ratios {
-            let (weight, late) = (ratio.deviation.powi(-2), ratio.omega_rad_s / highest_rad_s);
-            squares.matrix += Matrix3::from_diagonal(&Vector3::new(1.0, late * late, 0.0)) * weight;
-            squares.moment += Vector3::new(ratio.ratio.re, late * ratio.ratio.im, 0.0) * weight;
-            squares.sum += ratio.ratio.norm_sqr() * weight;
+        let term = |&Ratio { omega_rad_s, ratio, deviation }: &Ratio| Term {
+            omega_rad_s,
+            ratio,
+            weight: deviation.powi(-2),
+            late: omega_rad_s / highest_rad_s,
+        };
+        let terms: Vec<Term> = ratios.iter().map(term).collect();
+        let (mut matrix, mut moment, mut sum) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
+        for Term { ratio, weight, late, .. } in &terms {
+            matrix += Matrix3::from_diagonal(&Vector3::new(1.0, late * late, 0.0)) * *weight;
+            moment += Vector3::new(ratio.re, late * ratio.im, 0.0) * *weight;
+            sum += ratio.norm_sqr() * weight;
         }
         // A shape of nothing leaves φ open.
-        squares.matrix[(2, 2)] = 1e-9 * (1.0 + squares.matrix[(0, 0)]);
-        squares
+        matrix[(2, 2)] = 1e-9 * (1.0 + matrix[(0, 0)]);
+        Self { terms, matrix, moment, sum }
     }
 
     /// (a, b, φ), and the sum of squares that is left.
     fn least(&self, shape: impl Fn(f64) -> Complex<f64>) -> Option<(Vector3<f64>, f64)> {
         let (mut real, mut imaginary, mut square, mut moment) = (0.0, 0.0, 0.0, 0.0);
-        for ratio in self.ratios {
-            let weight = ratio.deviation.powi(-2);
-            let shape = shape(ratio.omega_rad_s);
+        for Term { omega_rad_s, ratio, weight, late } in &self.terms {
+            let shape = shape(*omega_rad_s);
             real += weight * shape.re;
-            imaginary += weight * shape.im * (ratio.omega_rad_s / self.highest_rad_s);
+            imaginary += weight * shape.im * late;
             square += weight * shape.norm_sqr();
-            moment += weight * (shape.re * ratio.ratio.re + shape.im * ratio.ratio.im);
+            moment += weight * (shape.re * ratio.re + shape.im * ratio.im);
         }
         let of_shape = Matrix3::new(0.0, 0.0, real, 0.0, 0.0, imaginary, real, imaginary, square);
         let moment = self.moment + Vector3::new(0.0, 0.0, moment);

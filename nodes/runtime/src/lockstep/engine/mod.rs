@@ -99,6 +99,8 @@ struct InEdge {
 #[derive(Debug)]
 struct OutEdge {
     contract_index: usize,
+    /// Whether anybody hears the consumer: if not, nobody waits for it.
+    leads_on: bool,
     next_bundle: u64,
     next_entry: u32,
     first_tick: u64,
@@ -161,8 +163,9 @@ impl Engine {
                 .collect(),
             outs: edges()
                 .filter(|(_, edge)| edge.from == me)
-                .map(|(contract_index, _)| OutEdge {
+                .map(|(contract_index, edge)| OutEdge {
                     contract_index,
+                    leads_on: contract.edges.iter().any(|other| other.from == edge.to),
                     next_bundle: 0,
                     next_entry: 0,
                     first_tick: 0,
@@ -307,14 +310,20 @@ impl Engine {
         self.next_tick += 1;
     }
 
-    /// Bundles to send, as (contract index of the edge, bundle): all that is complete when `all`, else only those that
-    /// others may be waiting for.
-    pub fn take_bundles(&mut self, all: bool) -> Vec<(usize, LoopBundle)> {
+    /// Bundles to send, as (contract index of the edge, bundle): when the node has no more to run all that is complete, when it
+    /// waits for input what others may be waiting for, and else only what is long or large enough.
+    pub fn take_bundles(&mut self) -> Vec<(usize, LoopBundle)> {
         let (run_id, tick) = (self.run_id, self.next_tick);
+        let (waits, is_done) = match self.blocked() {
+            None => (false, false),
+            Some(Blocked::Input(_)) => (true, false),
+            Some(Blocked::Grant | Blocked::Ended) => (true, true),
+        };
         let mut bundles = Vec::new();
         for edge in &mut self.outs {
             let age = tick - edge.first_tick;
-            if age > 0 && (all || age >= BUNDLE_TICKS_MAX || edge.bytes > BUNDLE_BYTES_MAX / 2) {
+            let is_due = age >= BUNDLE_TICKS_MAX || edge.bytes > BUNDLE_BYTES_MAX / 2;
+            if age > 0 && (is_due || is_done || waits && edge.leads_on) {
                 edge.cut(run_id, tick);
             }
             bundles.extend(edge.finished.drain(..).map(|bundle| (edge.contract_index, bundle)));

@@ -197,10 +197,8 @@ impl Simulation {
         }
     }
 
-    /// A node that is blocked sends all; one that runs may keep the newest back.
     fn flush(&mut self, node: usize) {
-        let all = self.engines[node].blocked().is_some() || self.random.random();
-        for (index, bundle) in self.engines[node].take_bundles(all) {
+        for (index, bundle) in self.engines[node].take_bundles() {
             self.largest_bundle = self.largest_bundle.max(cdr::encode(&bundle).unwrap().len());
             self.unread[index].push_back(bundle.until_tick);
             self.most_unread = self.most_unread.max(self.unread[index].len());
@@ -328,7 +326,7 @@ fn one_tick(engine: &mut Engine) -> LoopBundle {
     let route = route(engine);
     engine.send(route, &[1, 2, 3]).unwrap();
     engine.finish_tick();
-    engine.take_bundles(true).remove(0).1
+    engine.take_bundles().remove(0).1
 }
 
 fn grant(until_tick: u64) -> LoopGrant {
@@ -391,7 +389,7 @@ fn the_largest_message_fits_and_one_byte_more_is_refused() {
     assert_eq!(error, LoopError::TooLarge { bytes: MESSAGE_BYTES_MAX + 1 });
     assert!(error.to_string().contains(&MESSAGE_BYTES_MAX.to_string()), "{error}");
     sender.finish_tick();
-    let (_, bundle) = sender.take_bundles(true).remove(0);
+    let (_, bundle) = sender.take_bundles().remove(0);
     assert!(cdr::encode(&bundle).unwrap().len() <= DATAGRAM_BYTES_MAX);
 }
 
@@ -404,7 +402,7 @@ fn regress_bundles_of_many_small_messages_fit_datagrams() {
         sender.send(route, &[1]).unwrap();
     }
     sender.finish_tick();
-    let bundles = sender.take_bundles(true);
+    let bundles = sender.take_bundles();
     assert_eq!(bundles.iter().map(|(_, bundle)| bundle.entries.len()).sum::<usize>(), 20_000);
     for (_, bundle) in bundles {
         assert!(cdr::encode(&bundle).unwrap().len() <= DATAGRAM_BYTES_MAX);

@@ -158,7 +158,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             public,
             digest,
             tap: None,
-            status_period_ticks: (contract.timing.window_ticks / 4).max(1),
+            status_period_ticks: (contract.timing.window_ticks / 2).max(1),
             goal_tick: LoopStatus::NO_GOAL,
             now_ns: Arc::default(),
             reconfigured: None,
@@ -240,7 +240,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
                 continue;
             }
             self.attend()?;
-            self.flush(true)?;
+            self.flush()?;
             let (period, limit) =
                 if self.started { (HEARTBEAT_PERIOD, CLOCK_LIMIT) } else { (PROBE_PERIOD, START_LIMIT) };
             if self.said_at.elapsed() >= period {
@@ -295,7 +295,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             self.step()?;
             let tick = self.engine.next_tick();
             let at_the_limit = matches!(self.engine.blocked(), Some(Blocked::Grant | Blocked::Ended));
-            self.flush(at_the_limit)?;
+            self.flush()?;
             let due = tick.is_multiple_of(self.status_period_ticks) || tick.checked_sub(1) == Some(self.goal_tick);
             // A node whose steps are slow is alive all the same.
             if due || at_the_limit || self.said_at.elapsed() >= HEARTBEAT_PERIOD {
@@ -400,11 +400,13 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
         Ok(())
     }
 
-    fn flush(&mut self, all: bool) -> Result<(), RunError> {
-        if all && let Some(tap) = &mut self.tap {
+    fn flush(&mut self) -> Result<(), RunError> {
+        if self.engine.blocked().is_some()
+            && let Some(tap) = &mut self.tap
+        {
             tap.flush().map_err(RunError::Record)?;
         }
-        for (edge, bundle) in self.engine.take_bundles(all) {
+        for (edge, bundle) in self.engine.take_bundles() {
             self.links.send_bundle(edge, bundle)?;
         }
         Ok(())
