@@ -47,6 +47,7 @@ fn vision(criterion: &mut Criterion) {
             bencher.iter(|| renderer.render(black_box(&shot), &parts, &mut noise, &mut image));
         });
     }
+    renderer.render(&shot, &parts(100, 0.0), &mut noise, &mut image).expect("the parts are sound");
     criterion.bench_function("encode", |bencher| {
         bencher.iter(|| codec::encode(black_box(&image), codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX));
     });

@@ -155,22 +155,35 @@ impl Relief {
         let mut horizon = vec![0.0_f32; self.heights_m.len()];
         for (row, line) in horizon.chunks_mut(self.side).enumerate() {
             for (column, highest) in line.iter_mut().enumerate() {
+                let Some(first) = self.steps_to_part(row, column, step) else { continue };
                 let here = self.heights_m[row * self.side + column];
                 let rise_m_max = self.top_m - here;
-                let (mut x, mut y) = (column as f32 + 0.5, row as f32 + 0.5);
-                let mut distance_m = self.texel_m;
+                let mut steps = first.max(1.0);
                 // Further on nothing can stand higher against the sky, or high enough to matter.
-                while rise_m_max > highest.max(HORIZON_TAN_MIN) * distance_m {
-                    (x, y) = (x + step.x, y + step.y);
+                while rise_m_max > highest.max(HORIZON_TAN_MIN) * (steps * self.texel_m) {
+                    let (x, y) = (column as f32 + 0.5 + steps * step.x, row as f32 + 0.5 + steps * step.y);
                     let Some(there) = self.texel(x, y) else {
                         break;
                     };
-                    *highest = highest.max((self.heights_m[there] - here) / distance_m);
-                    distance_m += self.texel_m;
+                    *highest = highest.max((self.heights_m[there] - here) / (steps * self.texel_m));
+                    steps += 1.0;
                 }
             }
         }
         horizon
+    }
+
+    /// After how many whole steps in a direction the part may begin, seen from a texel; `None` if it lies beside or behind.
+    fn steps_to_part(&self, row: usize, column: usize, step: Vector2<f32>) -> Option<f32> {
+        let radius = self.radius_m / self.texel_m + 2.0;
+        let from_middle = Vector2::new(column as f32 + 0.5, row as f32 + 0.5) - Vector2::repeat(self.middle());
+        let outside = from_middle.norm_squared() - radius * radius;
+        if outside <= 0.0 {
+            return Some(0.0);
+        }
+        let nearer = -from_middle.dot(&step);
+        let half_chord = nearer * nearer - outside;
+        (nearer > 0.0 && half_chord >= 0.0).then(|| (nearer - half_chord.sqrt()).floor())
     }
 
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked, and a float cast saturates")]
