@@ -241,12 +241,14 @@ fn minima(misses: &[f32], columns: usize, miss_max: f32) -> impl Iterator<Item =
     let near = |index: usize, size: usize| index.saturating_sub(1)..(index + 2).min(size);
     let rows = misses.len() / columns.max(1);
     let least = move |(place, here): (usize, &f32)| {
+        if *here > miss_max {
+            return None;
+        }
         let (row, column) = (place / columns, place % columns);
         let mut others =
             near(row, rows).flat_map(|row| near(column, columns).map(move |column| row * columns + column));
         // Of equals the first counts.
-        let least = *here <= miss_max
-            && others.all(|other| misses[other] > *here || (misses[other] >= *here && other >= place));
+        let least = others.all(|other| misses[other] > *here || (misses[other] >= *here && other >= place));
         least.then_some(place)
     };
     misses.iter().enumerate().filter_map(least)

@@ -71,9 +71,11 @@ pub fn encode(image: &GrayImage, quality: u8, bytes_max: usize) -> Result<Vec<u8
     let mut quality = quality.clamp(1, 100);
     loop {
         let mut bytes = Vec::with_capacity(bytes_max);
-        Encoder::new(&mut bytes, quality)
-            .encode_image(Rows(image))
-            .map_err(|source| EncodeError::Encoder { width_px, height_px, source })?;
+        Encoder::new(&mut bytes, quality).encode_image(Rows(image)).map_err(|source| EncodeError::Encoder {
+            width_px,
+            height_px,
+            source,
+        })?;
         if bytes.len() <= bytes_max {
             return Ok(bytes);
         }

@@ -57,7 +57,16 @@ impl TrayPainter {
         let amplitude = single(scene.tray_appearance.mottling_ratio);
         let mottle =
             (0..MOTTLE_CELLS * MOTTLE_CELLS).map(|_| 1.0 + amplitude * generator.random_range(-1.0..1.0)).collect();
-        Self { scene: scene.clone(), width, node_columns, rays, white, platen: bare_platen(scene), mottle, kept: VecDeque::new() }
+        Self {
+            scene: scene.clone(),
+            width,
+            node_columns,
+            rays,
+            white,
+            platen: bare_platen(scene),
+            mottle,
+            kept: VecDeque::new(),
+        }
     }
 
     /// Paints platen and tray at rest over the whole picture; where the tray stood a short time ago, what was painted then.

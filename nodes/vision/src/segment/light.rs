@@ -66,23 +66,25 @@ impl Segmentation {
         };
         let mut inliers = 0;
         for limit in limits {
-            let mut normal = SMatrix::<f32, 6, 6>::zeros();
-            let mut target = SVector::<f32, 6>::zeros();
+            // A row for each coefficient: what goes with all six, and with the residual; eight make up vectors.
+            let mut sums = [[0.0_f32; 8]; 6];
             inliers = 0;
             for (basis, level) in &samples {
                 let residual = level - evaluate(&quadratic, basis);
                 if residual.abs() < *limit {
                     // Tukey's weight: what lies near the limit counts little.
                     let weight = 1.0 - (residual / limit) * (residual / limit);
-                    for i in 0..6 {
-                        target[i] += weight * basis[i] * residual;
-                        for j in 0..=i {
-                            normal[(i, j)] += weight * basis[i] * basis[j];
-                        }
+                    let [c, u, v, uu, uv, vv] = *basis;
+                    let values = [c, u, v, uu, uv, vv, residual, 0.0];
+                    for (sums, value) in sums.iter_mut().zip(basis) {
+                        let scale = weight * value;
+                        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += scale * value);
                     }
                     inliers += 1;
                 }
             }
+            let mut normal = SMatrix::<f32, 6, 6>::from_fn(|row, column| sums[row][column]);
+            let target = SVector::<f32, 6>::from_fn(|row, _| sums[row][6]);
             for i in 0..6 {
                 normal[(i, i)] += inertia * count as f32;
             }
