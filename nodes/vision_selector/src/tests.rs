@@ -80,6 +80,23 @@ fn a_corrupt_image_is_named_and_the_next_good_one_is_seen() {
 }
 
 #[test]
+fn an_image_that_cannot_show_the_plateau_is_not_even_decoded() {
+    let (mut sight, good) = sight();
+    assert_eq!(sight.look(&message(7, &good)).unwrap().tracked.len(), 1);
+    let stamp_ns = 9 * FRAME_NS;
+    let mut away = standing(stamp_ns);
+    away.position.x += 0.4;
+    sight.poses.note(TimedPose { stamp_ns: stamp_ns - 1_000_000, ..away });
+    sight.poses.note(away);
+    let fault = sight.look(&message_at(stamp_ns, b"not an image")).map(|picture| picture.tracked).unwrap_err();
+    assert_eq!(fault, LookError::Image(ImageFault::PlateauOutOfView));
+    // What was tracked has not been seen meanwhile, as after any image without a plateau.
+    sight.poses.note(standing(20 * FRAME_NS - 1_000_000));
+    sight.poses.note(standing(20 * FRAME_NS));
+    assert_eq!(sight.look(&message(20, &good)).unwrap().tracked.len(), 1);
+}
+
+#[test]
 fn an_image_of_another_camera_is_a_fault_with_both_sizes() {
     let (mut sight, _) = sight();
     let small = codec::encode(&GrayImage::new(320, 240), codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX).unwrap();

@@ -427,3 +427,28 @@ fn a_run_ends_at_its_last_tick_or_at_once_when_the_clock_says_so() {
     engine.accept_grant(&LoopGrant { ended: true, ..grant(10) });
     assert_eq!((engine.blocked(), engine.ended()), (Some(Blocked::Ended), true));
 }
+
+#[test]
+fn what_nobody_waits_for_is_kept_together() {
+    // The second node answers the first; the third only listens.
+    let contract = contract(3, vec![edge(0, 1, 1, 1), edge(1, 0, 3, 1), edge(0, 2, 1, 1)], 32);
+    let (answered, heard) = (0, 2);
+    let mut node = Engine::new(&contract, "/n0").unwrap();
+    let edges = |node: &mut Engine| node.take_bundles().into_iter().map(|(edge, _)| edge).collect::<Vec<_>>();
+    let answer = |sequence, until_tick| LoopBundle { run_id: RUN, sequence, until_tick, ..LoopBundle::default() };
+    node.accept_grant(&grant(12));
+    (0..3).for_each(|_| node.finish_tick());
+    assert_eq!(node.blocked(), Some(Blocked::Input("/n1")));
+    assert_eq!(edges(&mut node), [answered]);
+    node.accept_bundle(1, answer(0, 2)).unwrap();
+    (0..2).for_each(|_| node.finish_tick());
+    assert_eq!(edges(&mut node), [answered]);
+    // Eight ticks are enough, whoever waits; and what is granted has an end.
+    node.accept_bundle(1, answer(1, 6)).unwrap();
+    (0..4).for_each(|_| node.finish_tick());
+    assert_eq!(edges(&mut node), [answered, heard]);
+    node.accept_bundle(1, answer(2, 12)).unwrap();
+    (0..3).for_each(|_| node.finish_tick());
+    assert_eq!(node.blocked(), Some(Blocked::Grant));
+    assert_eq!(edges(&mut node), [answered, heard]);
+}
