@@ -250,3 +250,44 @@ fn smooth(image: &GrayImage, window: Window, smooth: &mut [i16]) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use feeder_model::camera::{CameraModel, CameraPose, CameraSpec, Distortion, MountedTray};
+    use feeder_model::tray::TrayGeometry;
+    use nalgebra::Vector2;
+
+    use super::*;
+
+    #[test]
+    fn the_plateau_is_mapped_anew_for_another_place_and_for_other_walls() {
+        let camera = CameraModel::new(CameraSpec {
+            width_px: 640,
+            height_px: 480,
+            focal_length_px: None,
+            platen_m_per_px: Some(0.000_4),
+            principal_point_px: None,
+            distortion: Distortion::default(),
+            pose: CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 },
+        })
+        .unwrap();
+        let (tray, rays) = (MountedTray::new(TrayGeometry::PAPER), RayTable::new(&camera));
+        let image = GrayImage::from_pixel(640, 480, image::Luma([100]));
+        let bright = Plateau::unknown();
+        let dim = Plateau { shade: vec![[0.5, 0.0, 0.0]; RADIAL_BINS + 1], ..Plateau::unknown() };
+        let look = |frame: &mut Segmentation, x_m: f64, plateau: &Plateau| {
+            let platen_from_tray = Isometry2::new(Vector2::new(x_m, 0.3), 0.0);
+            let view = View { camera: &camera, tray: &tray, platen_from_tray };
+            frame.look(&view, &rays, &image, plateau, Light::Taught, 10.0, 9).unwrap();
+        };
+        let mut kept = Segmentation::default();
+        // A micrometre is nothing, a millimetre something; and walls may be learned from the picture just looked at.
+        for (x_m, plateau) in [(0.3, &bright), (0.300_001, &bright), (0.301, &bright), (0.301, &dim), (0.301, &bright)]
+        {
+            look(&mut kept, x_m, plateau);
+            let mut fresh = Segmentation::default();
+            look(&mut fresh, x_m, plateau);
+            assert!(kept.bins == fresh.bins && kept.shade == fresh.shade && kept.outward == fresh.outward, "{x_m}");
+        }
+    }
+}
