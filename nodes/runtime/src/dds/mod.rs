@@ -34,6 +34,7 @@ mod error;
 mod executor;
 mod farewell;
 mod graph;
+mod loops;
 mod lull;
 mod names;
 mod participant;

@@ -22,6 +22,7 @@ use super::{
     executor::{Executor, Spawner, Task as BackgroundTask},
     farewell::Farewell,
     graph::{self, Nodes},
+    loops::Loops,
     lull::Lull,
     raw::{Raw, RawAdapter},
     signals::Masked,
@@ -71,13 +72,13 @@ impl Participant {
         let builder = DomainParticipantBuilder::new(domain.id)
             .socket_receive_buffer_size(SOCKET_BUFFER_BYTES)
             .socket_send_buffer_size(SOCKET_BUFFER_BYTES);
-        let domain_participant = match domain.range {
+        let builder = match domain.range {
             DiscoveryRange::Localhost => builder.with_only_networks([Ipv4Addr::LOCALHOST]),
             DiscoveryRange::Subnet => builder,
             DiscoveryRange::Off => builder.with_only_networks([Ipv4Addr::UNSPECIFIED; 0]).same_host_loopback(false),
-        }
-        .build()
-        .map_err(|error| refuse(error.to_string()))?;
+        };
+        let (domain_participant, loops) = Loops::of(|| builder.build());
+        let domain_participant = domain_participant.map_err(|error| refuse(error.to_string()))?;
 
         let join = || -> Result<_, CreateError> {
             let publisher = domain_participant.create_publisher(&QosPolicies::qos_none())?;
@@ -94,6 +95,7 @@ impl Participant {
         };
         let (publisher, subscriber, writer, reader) = join().map_err(|error| refuse(error.to_string()))?;
         let executor = Executor::start(&format!("dds {}", node.name())).map_err(|error| refuse(error.to_string()))?;
+        executor.spawner().spawn(loops.watch(node.to_string()));
         let nodes = Arc::new(Nodes::default());
         executor.spawner().spawn(super::drain::drain_into(reader, {
             let nodes = nodes.clone();
