@@ -11,6 +11,7 @@ mod cyclone;
 mod docs;
 mod faults;
 mod friction;
+mod fuzz;
 mod graph;
 mod interop;
 mod managed;

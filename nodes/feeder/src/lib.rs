@@ -24,6 +24,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory as _, Parser, Subcommand};
 
 pub use table::parameters_of;
+pub use teach::fuzz_labels;
 
 /// A miniature mobile parts feeder. Without a subcommand the built-in scenario runs.
 #[derive(Debug, Parser)]
