@@ -10,7 +10,6 @@ mod markers;
 
 use std::time::Duration;
 
-use feeder_model::part::PartType;
 use feeder_model::seed::seed_for;
 use feeder_runtime::node::{
     Declare, FeederNode, NodeError, Publisher, Server, Start, StepIo, Subscriber, ns_of_stamp, stamp_of_ns,
