@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
-use feeder_runtime::dds::Participant;
+use feeder_runtime::dds::{Domain, NodeName, Participant};
 use feeder_runtime::digest::{self, Digest};
 use feeder_runtime::launch::{Seat, run_opened};
 use feeder_runtime::lockstep::{ClockError, ClockRunner, Hub, LoopClock, ResetRefusal, RunEnd, Speed};
@@ -26,6 +26,9 @@ use crate::view::View;
 const START_UP_LIMIT: Duration = Duration::from_secs(20);
 /// Why a run that is recorded cannot be started again.
 const RECORDED: &str = "the run is recorded, and a bag cannot be begun twice: end it and start another";
+
+/// The node that keeps the time.
+pub(crate) const NAME: &str = "feeder_up";
 
 /// How simulated time passes at first.
 #[derive(Clone, Copy, Debug)]
@@ -69,10 +72,10 @@ pub(crate) fn attempt(
     args: &UpArgs,
     pace: Pace,
     stop: &Arc<AtomicBool>,
-    participant: &Participant,
+    domain: Domain,
     shown: Option<&feeder_view::View>,
 ) -> anyhow::Result<Attempt> {
-    let (started, domain) = (Instant::now(), participant.domain());
+    let started = Instant::now();
     let contract = Arc::new(connect(plan)?);
     let work = tempfile::tempdir().context("cannot make a temporary folder")?;
     let digests = work.path().join("digests");
@@ -110,7 +113,9 @@ pub(crate) fn attempt(
         clock.step(1);
     }
     let clock_digest = Digest::new(digest_dir.as_deref(), &CLOCK.name_in(""), &contract.shared_topics);
-    let mut clock = ClockRunner::open(participant, &contract, hub.as_ref(), clock, clock_digest)?;
+    let participant = Participant::secluded(&domain, &NodeName::new("/", NAME)?)?;
+    let mut clock = ClockRunner::open(&participant, &contract, hub.as_ref(), clock, clock_digest)?;
+    participant.meet_others();
     let (followed, is_recorded) = (Arc::clone(&progress), record_to.is_some());
     clock.refuse_reset_for(move || reset_refusal(&followed, is_recorded));
     if let Some(socket) = record_to {

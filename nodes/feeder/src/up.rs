@@ -16,7 +16,7 @@ use feeder_view::{Place, Settings, Source};
 use feeder_wire::topics::CLOCK;
 use run_monitor::{Progress, RunMonitor};
 
-use crate::attempt::{Again, Attempt, Pace, attempt};
+use crate::attempt::{Again, Attempt, NAME, Pace, attempt};
 use crate::recording::RecordOptions;
 use crate::summary::Summary;
 use crate::table::{name_of, placed};
@@ -142,14 +142,13 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow:
         refuse_lost(file)?;
     }
     let domain = domain(args)?;
-    let mut participant = Participant::open(&domain, &NodeName::new("/", "feeder_up")?)?;
-    refuse_busy_domain(&participant, &domain, plan, stop)?;
+    refuse_busy_domain(&domain, plan, stop)?;
     let on_screen = !args.plain && feeder_top::is_possible();
     let shown = (on_screen || args.view.is_some()).then(|| show(plan, args, domain)).transpose()?;
     let mut pace = Pace::of(args);
     let mut starts = 1;
     loop {
-        let Attempt { ended, again } = attempt(plan, args, pace, stop, &participant, shown.as_ref())?;
+        let Attempt { ended, again } = attempt(plan, args, pace, stop, domain, shown.as_ref())?;
         match again {
             Some(Again::NotUp(why)) if starts < STARTS_MAX && can_start_again(args) => {
                 starts += 1;
@@ -161,8 +160,6 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow:
             }
             _ => return Ok(ended),
         }
-        // What locked up may be its own participant.
-        participant = Participant::open(&domain, participant.node())?;
     }
 }
 
@@ -240,12 +237,8 @@ fn domain(args: &UpArgs) -> anyhow::Result<Domain> {
 }
 
 /// Two runs in one domain would drive each other.
-fn refuse_busy_domain(
-    participant: &Participant,
-    domain: &Domain,
-    plan: &RunPlan,
-    stop: &AtomicBool,
-) -> anyhow::Result<()> {
+fn refuse_busy_domain(domain: &Domain, plan: &RunPlan, stop: &AtomicBool) -> anyhow::Result<()> {
+    let participant = Participant::open(domain, &NodeName::new("/", NAME)?)?;
     let clock = CLOCK.name_in("");
     let ours: Vec<String> = plan.nodes.iter().map(|planned| format!("{}/", planned.namespace)).collect();
     let since = Instant::now();

@@ -3,7 +3,6 @@
 use std::{
     collections::BTreeSet,
     fmt,
-    net::Ipv4Addr,
     sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
 };
 
@@ -19,11 +18,13 @@ use ros2_client::{
 
 use super::{
     DdsError, DiscoveryRange, Domain, Graph, Guid, NodeName, SOCKET_BUFFER_BYTES,
+    door::Door,
     executor::{Executor, Spawner, Task as BackgroundTask},
     farewell::Farewell,
     graph::{self, Nodes},
     lull::Lull,
     raw::{Raw, RawAdapter},
+    reach::Reach,
     signals::Masked,
     tally::{Counter, Loss, Tally},
 };
@@ -41,6 +42,7 @@ pub(super) struct Inner {
     announcement: Mutex<Announcement>,
     nodes: Arc<Nodes>,
     lull: Mutex<Lull>,
+    door: Door,
     pub(super) publisher: Publisher,
     pub(super) subscriber: Subscriber,
     name: NodeName,
@@ -63,6 +65,17 @@ impl Participant {
     /// # Errors
     /// [`DdsError::Join`] when no port or thread is to be had.
     pub fn open(domain: &Domain, node: &NodeName) -> Result<Self, DdsError> {
+        let participant = Self::secluded(domain, node)?;
+        participant.meet_others();
+        Ok(participant)
+    }
+
+    /// Joins a domain where nobody can meet it before [`meet_others`](Self::meet_others): endpoints that are made until then
+    /// are made at once, as the DDS library cannot lock up over whom it finds meanwhile.
+    ///
+    /// # Errors
+    /// [`DdsError::Join`] when no port or thread is to be had.
+    pub fn secluded(domain: &Domain, node: &NodeName) -> Result<Self, DdsError> {
         let refuse = |reason: String| DdsError::Join { node: node.to_string(), domain: domain.id, reason };
         if domain.id > Domain::ID_MAX {
             return Err(refuse(format!("the largest domain is {}", Domain::ID_MAX)));
@@ -71,13 +84,15 @@ impl Participant {
         let builder = DomainParticipantBuilder::new(domain.id)
             .socket_receive_buffer_size(SOCKET_BUFFER_BYTES)
             .socket_send_buffer_size(SOCKET_BUFFER_BYTES);
-        let domain_participant = match domain.range {
-            DiscoveryRange::Localhost => builder.with_only_networks([Ipv4Addr::LOCALHOST]),
-            DiscoveryRange::Subnet => builder,
-            DiscoveryRange::Off => builder.with_only_networks([Ipv4Addr::UNSPECIFIED; 0]).same_host_loopback(false),
-        }
-        .build()
-        .map_err(|error| refuse(error.to_string()))?;
+        let build = |reach: &Reach| {
+            let builder = builder.same_host_loopback(domain.range != DiscoveryRange::Off);
+            match &reach.networks {
+                Some(networks) => builder.with_only_networks(networks.iter().copied()),
+                None => builder,
+            }
+            .build()
+        };
+        let (domain_participant, door) = Door::shut(domain, build).map_err(|error| refuse(error.to_string()))?;
 
         let join = || -> Result<_, CreateError> {
             let publisher = domain_participant.create_publisher(&QosPolicies::qos_none())?;
@@ -105,12 +120,14 @@ impl Participant {
             name: node.clone(),
             readers: BTreeSet::new(),
             writers: BTreeSet::new(),
+            is_public: false,
         });
         let inner = Inner {
             executor,
             announcement,
             nodes,
             lull: Mutex::new(Lull::of(&domain_participant)),
+            door,
             publisher,
             subscriber,
             name: node.clone(),
@@ -119,8 +136,17 @@ impl Participant {
             _farewell: Farewell::of(&domain_participant),
             domain_participant,
         };
-        inner.announcement().publish(true);
         Ok(Self { inner: Arc::new(inner) })
+    }
+
+    /// Lets others in and announces the node, with what endpoints it has.
+    pub fn meet_others(&self) {
+        let inner = &self.inner;
+        inner.announcement().begin();
+        let participant = &inner.domain_participant;
+        if let Some(later) = inner.door.open(participant.guid().into(), participant.participant_id()) {
+            inner.executor.spawner().spawn(later);
+        }
     }
 
     /// What discovery knows of other participants now; this one is not part of it.
@@ -197,7 +223,7 @@ impl Inner {
 
     /// Makes an endpoint, one at a time, when that can be done.
     pub(super) fn in_a_lull<T>(&self, make: impl FnOnce() -> T) -> T {
-        self.lull.lock().unwrap_or_else(PoisonError::into_inner).make(make)
+        self.lull.lock().unwrap_or_else(PoisonError::into_inner).make(self.door.is_open(), make)
     }
 
     pub(super) fn announcement(&self) -> MutexGuard<'_, Announcement> {
@@ -220,13 +246,20 @@ pub(super) struct Announcement {
     name: NodeName,
     pub(super) readers: BTreeSet<Guid>,
     pub(super) writers: BTreeSet<Guid>,
+    /// Whether it has been published yet.
+    is_public: bool,
 }
 
 impl Announcement {
     pub(super) fn change(&mut self, change: impl FnOnce(&mut Self) -> bool) {
-        if change(self) {
+        if change(self) && self.is_public {
             self.publish(true);
         }
+    }
+
+    fn begin(&mut self) {
+        self.is_public = true;
+        self.publish(true);
     }
 
     /// Says which endpoints the node has, or that there is no node any more.
