@@ -11,6 +11,7 @@ mod cyclone;
 mod docs;
 mod faults;
 mod graph;
+mod hosts;
 mod interop;
 mod managed;
 mod package;

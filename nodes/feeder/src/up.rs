@@ -17,6 +17,7 @@ use feeder_wire::topics::CLOCK;
 use run_monitor::{Progress, RunMonitor};
 
 use crate::attempt::{Again, Attempt, NAME, Pace, attempt};
+use crate::muster::Muster;
 use crate::recording::RecordOptions;
 use crate::summary::Summary;
 use crate::table::{name_of, placed};
@@ -50,6 +51,10 @@ pub struct UpArgs {
     /// All nodes in this process instead of one process each
     #[arg(long)]
     pub composed: bool,
+    /// Leave these nodes to other hosts, and wait until they are offered there by `feeder join`: kinds, namespaces or full
+    /// names
+    #[arg(long, value_name = "NODE", value_delimiter = ',', conflicts_with_all = ["composed", "record"])]
+    pub except: Vec<String>,
     /// Write the summary to this file (JSON)
     #[arg(long, value_name = "FILE")]
     pub summary: Option<PathBuf>,
@@ -141,14 +146,18 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow:
     for file in [&args.summary, &args.digest].into_iter().flatten() {
         refuse_lost(file)?;
     }
-    let domain = domain(args)?;
+    let domain = domain(args.domain)?;
     refuse_busy_domain(&domain, plan, stop)?;
     let on_screen = !args.plain && feeder_top::is_possible();
     let shown = (on_screen || args.view.is_some()).then(|| show(plan, args, domain)).transpose()?;
+    let mut muster = (!args.except.is_empty()).then(|| Muster::call(&domain, plan, &args.except)).transpose()?;
+    if let Some(muster) = &mut muster {
+        muster.wait(stop)?;
+    }
     let mut pace = Pace::of(args);
     let mut starts = 1;
     loop {
-        let Attempt { ended, again } = attempt(plan, args, pace, stop, domain, shown.as_ref())?;
+        let Attempt { ended, again } = attempt(plan, args, pace, stop, domain, shown.as_ref(), muster.as_mut())?;
         match again {
             Some(Again::NotUp(why)) if starts < STARTS_MAX && can_start_again(args) => {
                 starts += 1;
@@ -223,9 +232,9 @@ fn show(plan: &RunPlan, args: &UpArgs, domain: Domain) -> anyhow::Result<feeder_
 
 /// The domain of `--domain` or the environment. The range is ROS 2's default, SUBNET, unless the environment says
 /// otherwise: a Cyclone DDS with default settings does not find participants that are on the loopback interface alone.
-fn domain(args: &UpArgs) -> anyhow::Result<Domain> {
+pub(crate) fn domain(id: Option<u16>) -> anyhow::Result<Domain> {
     let mut domain = Domain::from_env()?;
-    if let Some(id) = args.domain {
+    if let Some(id) = id {
         domain.id = id;
     }
     if domain.range == DiscoveryRange::Off {

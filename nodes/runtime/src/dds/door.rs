@@ -12,11 +12,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use ros2_client::dds::rustdds::DomainParticipant;
+use ros2_client::dds::rustdds::{DomainParticipant, RTPSEntity};
 use tokio::time::sleep;
 
 use super::presence::{ALL_ENDPOINTS, LISTENS_ONLY, Presence, encode_gone};
 use super::reach::{Kind, Own, Reach};
+use super::relay::{Relay, Source, Written};
 use super::sockets::Sockets;
 use super::{Domain, Guid};
 
@@ -71,6 +72,18 @@ impl Door {
     /// Whether others can be met.
     pub(super) fn is_open(&self) -> bool {
         self.is_open.load(Ordering::Acquire)
+    }
+
+    /// What takes messages for the group to static peers, if there are any.
+    pub(super) fn relay(&self, participant: &DomainParticipant, written: &Written) -> Option<Relay> {
+        let sockets = Arc::clone(self.sockets.as_ref().filter(|_| self.reach.has_peers())?);
+        let (reach, written) = (self.reach.clone(), Arc::clone(written));
+        let source =
+            Source { participant: participant.clone(), guid: participant.guid().into(), sockets, reach, written };
+        let started = Relay::start(&source, &self.own);
+        started
+            .inspect_err(|error| tracing::warn!("what goes to the group does not get to static peers: {error}"))
+            .ok()?
     }
 
     /// Lets others in, and tells them that `participant` is there. What is to be done later is returned.

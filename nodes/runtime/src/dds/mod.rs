@@ -44,6 +44,7 @@ mod qos;
 mod raw;
 mod reach;
 mod reader;
+mod relay;
 mod server;
 mod signals;
 mod sockets;

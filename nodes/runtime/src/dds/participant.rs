@@ -3,7 +3,7 @@
 use std::{
     collections::BTreeSet,
     fmt,
-    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
+    sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak},
 };
 
 use ros2_client::{
@@ -25,6 +25,7 @@ use super::{
     lull::Lull,
     raw::{Raw, RawAdapter},
     reach::Reach,
+    relay::{Relay, Written},
     signals::Masked,
     tally::{Counter, Loss, Tally},
 };
@@ -43,6 +44,8 @@ pub(super) struct Inner {
     nodes: Arc<Nodes>,
     lull: Mutex<Lull>,
     door: Door,
+    relay: OnceLock<Relay>,
+    written: Written,
     pub(super) publisher: Publisher,
     pub(super) subscriber: Subscriber,
     name: NodeName,
@@ -103,7 +106,7 @@ impl Participant {
                 &ros_discovery::QOS_PUB,
                 TopicKind::NoKey,
             )?;
-            let writer = publisher.create_datawriter_no_key_cdr(&topic, None)?;
+            let writer = publisher.create_datawriter_no_key_cdr::<ParticipantEntitiesInfo>(&topic, None)?;
             let reader = subscriber.create_simple_datareader_no_key::<Raw, RawAdapter>(&topic, None)?;
             Ok((publisher, subscriber, writer, reader))
         };
@@ -128,6 +131,8 @@ impl Participant {
             nodes,
             lull: Mutex::new(Lull::of(&domain_participant)),
             door,
+            relay: OnceLock::new(),
+            written: Written::default(),
             publisher,
             subscriber,
             name: node.clone(),
@@ -136,6 +141,8 @@ impl Participant {
             _farewell: Farewell::of(&domain_participant),
             domain_participant,
         };
+        let announcer = inner.announcement().writer.guid().into();
+        inner.note_written(announcer, ros_discovery::TOPIC_NAME);
         Ok(Self { inner: Arc::new(inner) })
     }
 
@@ -144,6 +151,10 @@ impl Participant {
         let inner = &self.inner;
         inner.announcement().begin();
         let participant = &inner.domain_participant;
+        if let Some(relay) = (!inner.door.is_open()).then(|| inner.door.relay(participant, &inner.written)).flatten() {
+            // Set once: the door has been shut until now.
+            let _ = inner.relay.set(relay);
+        }
         if let Some(later) = inner.door.open(participant.guid().into(), participant.participant_id()) {
             inner.executor.spawner().spawn(later);
         }
@@ -232,6 +243,13 @@ impl Inner {
 
     pub(super) fn withdraw_reader(&self, guid: Guid) {
         self.announcement().change(|a| a.readers.remove(&guid));
+    }
+
+    /// Notes what a writer writes.
+    pub(super) fn note_written(&self, writer: Guid, topic: &str) {
+        let [.., a, b, c, d] = writer.0;
+        let mut written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
+        written.insert([a, b, c, d], topic.to_owned());
     }
 
     pub(super) fn withdraw_writer(&self, guid: Guid) {

@@ -11,15 +11,15 @@ use super::sockets::Sockets;
 use super::{DiscoveryRange, Domain};
 
 /// The group of every domain.
-const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
+pub(super) const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
 /// How many participants of a domain a host can have, by their ports (RTPS 2.3, 9.6.1.1).
 const PARTICIPANTS_MAX: u16 = 120;
 
 /// An address of this host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Own {
-    address: Ipv4Addr,
-    is_multicast: bool,
+    pub(super) address: Ipv4Addr,
+    pub(super) is_multicast: bool,
 }
 
 /// The addresses of this host.
@@ -98,6 +98,16 @@ impl Reach {
     pub(super) fn places(&self) -> impl Iterator<Item = SocketAddrV4> {
         let ports = (0..PARTICIPANTS_MAX).filter_map(|number| self.port(10 + 2 * number));
         ports.flat_map(|port| self.hosts.iter().map(move |host| SocketAddrV4::new(*host, port)))
+    }
+
+    /// Whether this is the address of a host where others are looked for one by one, besides this one.
+    pub(super) fn is_peer(&self, address: Ipv4Addr) -> bool {
+        !address.is_loopback() && self.hosts.contains(&address)
+    }
+
+    /// Whether there are such hosts.
+    pub(super) fn has_peers(&self) -> bool {
+        self.hosts.iter().any(|host| self.is_peer(*host))
     }
 
     /// The port of discovery of the participant of this number.
