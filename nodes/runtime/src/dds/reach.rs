@@ -48,13 +48,15 @@ pub(super) struct Reach {
 
 impl Reach {
     pub(super) fn of(domain: &Domain, own: &[Own]) -> Self {
-        let peers = domain.peers.hosts();
+        // The same list may be given to all hosts; this one is looked for by its loopback interface.
+        let is_other = |peer: &&Ipv4Addr| !own.iter().any(|own| own.address == **peer);
+        let peers: Vec<Ipv4Addr> = domain.peers.hosts().iter().filter(is_other).copied().collect();
         let reach = Self { domain: domain.id, networks: None, sources: None, groups_leave: true, hosts: Vec::new() };
-        let hosts = || [&[Ipv4Addr::LOCALHOST], peers].concat();
+        let hosts = || [&[Ipv4Addr::LOCALHOST], peers.as_slice()].concat();
         match domain.range {
             DiscoveryRange::Off => Self { networks: Some(Vec::new()), sources: Some(BTreeSet::new()), ..reach },
             DiscoveryRange::Subnet => Self { hosts: hosts(), ..reach },
-            DiscoveryRange::Localhost if peers.is_empty() => Self {
+            DiscoveryRange::Localhost if domain.peers.hosts().is_empty() => Self {
                 networks: Some(vec![Ipv4Addr::LOCALHOST]),
                 sources: Some(BTreeSet::new()),
                 hosts: hosts(),
@@ -167,7 +169,7 @@ mod tests {
 
     #[test]
     fn with_static_peers_localhost_is_this_host_and_they() {
-        let reach = reach(DiscoveryRange::Localhost, &[PEER]);
+        let reach = reach(DiscoveryRange::Localhost, &[PEER, own()[1].address]);
         assert_eq!(reach.addresses(&own(), 8_160), [at("127.0.0.1:8160"), at("10.0.0.1:8160")]);
         assert_eq!(reach.group(&own(), Kind::User), Some(at("239.255.0.1:8151")));
         assert!(!reach.groups_leave);

@@ -26,7 +26,7 @@ const LOOK: Duration = Duration::from_millis(50);
 /// How often it looks who is there.
 const REFRESH: Duration = Duration::from_millis(200);
 /// How long everybody who may be on a peer is told what this participant has; from those it has found it knows where they are.
-const INTRODUCTION: Duration = Duration::from_secs(5);
+const INTRODUCTION: Duration = Duration::from_secs(2);
 /// The largest message.
 const MESSAGE_BYTES_MAX: usize = 65_507;
 
