@@ -13,6 +13,7 @@ mod faults;
 mod friction;
 mod fuzz;
 mod graph;
+mod hosts;
 mod interop;
 mod managed;
 mod package;
