@@ -97,7 +97,7 @@ fn what_is_recovered_is_all_that_was_recorded() {
         |depth, reliability, durability| QosProfile { depth, reliability, durability, ..QosProfile::default() };
     let latched = offered(1, Reliability::Reliable, Durability::TransientLocal);
     let passing = offered(10, Reliability::BestEffort, Durability::Volatile);
-    let qos = [vec![latched.clone()], vec![latched, passing]];
+    let qos = [vec![latched], vec![latched, passing]];
     let topics: Vec<usize> = ["/a", "/b"]
         .into_iter()
         .zip(qos)
