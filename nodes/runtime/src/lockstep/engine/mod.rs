@@ -267,7 +267,7 @@ impl Engine {
         if self.next_tick >= self.granted_until {
             return Some(Blocked::Grant);
         }
-        let late = self.ins.iter().find(|edge| self.next_tick + 1 > edge.complete_until + edge.delay_ticks);
+        let late = self.ins.iter().find(|edge| self.next_tick + 1 > edge.due(edge.complete_until));
         late.map(|edge| Blocked::Input(&edge.from))
     }
 
@@ -275,7 +275,7 @@ impl Engine {
     pub fn inputs(&mut self) -> Vec<Input> {
         let mut inputs = Vec::new();
         for (index, edge) in self.ins.iter_mut().enumerate() {
-            while edge.queue.front().is_some_and(|entry| entry.tick + edge.delay_ticks <= self.next_tick) {
+            while edge.queue.front().is_some_and(|entry| edge.due(entry.tick) <= self.next_tick) {
                 if let Some(entry) = edge.queue.pop_front() {
                     inputs.push(Input { edge: index, port: entry.port, payload: Bytes::from(entry.payload) });
                 }
@@ -336,6 +336,13 @@ impl Engine {
     pub fn probes(&self) -> Vec<(usize, LoopBundle)> {
         let probe = LoopBundle { run_id: self.run_id, probe: true, ..LoopBundle::default() };
         self.outs.iter().map(|edge| (edge.contract_index, probe.clone())).collect()
+    }
+}
+
+impl InEdge {
+    /// The tick that what was sent in `tick` is meant for; a tick is whatever a sender says it is, and may be any.
+    fn due(&self, tick: u64) -> u64 {
+        tick.saturating_add(self.delay_ticks)
     }
 }
 
