@@ -94,20 +94,6 @@ fn val_accuracy_in_a_crowd() {
     score(&GROMMET, 6.0, 200, 2.0 * RADIUS_M, 5).require();
 }
 
-#[test]
-fn a_pose_must_lead_by_the_evidence_asked_for() {
-    let (scene, picture) = (scene(&GROMMET, 2.0), simple_picture(&[at(0.06, 4.0, 0), at(0.07, 5.0, 1)]));
-    let poses = |evidence_lead_min: f64| -> Vec<Option<usize>> {
-        let config = SelectorConfig { evidence_lead_min, ..SelectorConfig::default() };
-        let mut selector = Selector::new(config, &scene.camera, &scene.tray, &MODEL).unwrap();
-        let mut found = selector.detect(&picture, &over_camera()).unwrap();
-        found.sort_by(|a, b| a.centre().coords.norm().total_cmp(&b.centre().coords.norm()));
-        found.iter().map(|candidate| candidate.pose).collect()
-    };
-    assert_eq!(poses(SelectorConfig::default().evidence_lead_min), [Some(0), Some(1)]);
-    assert_eq!(poses(16.0), [None, None]);
-}
-
 /// A coin looks the same from no other side: a yaw reversed or turned the other way round would be off by much.
 #[test]
 fn a_yaw_is_found_as_the_part_is_turned() {
