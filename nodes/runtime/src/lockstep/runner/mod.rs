@@ -328,7 +328,11 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             self.node.reconfigure(&config);
         }
         self.note_what_is_wanted();
-        for input in self.engine.inputs() {
+        let inputs = self.engine.inputs();
+        if Engine::has_much_to_do(&inputs) {
+            self.send_bundles(Engine::take_complete)?;
+        }
+        for input in inputs {
             let (port, carries) = self.routing.arrivals[input.edge][usize::from(input.port)];
             let arrival = match carries {
                 Carries::Message => Arrival::Message { payload: input.payload, little_endian: true },
@@ -406,10 +410,11 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
         {
             tap.flush().map_err(RunError::Record)?;
         }
-        for (edge, bundle) in self.engine.take_bundles() {
-            self.links.send_bundle(edge, bundle)?;
-        }
-        Ok(())
+        self.send_bundles(Engine::take_bundles)
+    }
+
+    fn send_bundles(&mut self, take: impl FnOnce(&mut Engine) -> Vec<(usize, LoopBundle)>) -> Result<(), RunError> {
+        take(&mut self.engine).into_iter().try_for_each(|(edge, bundle)| self.links.send_bundle(edge, bundle))
     }
 
     fn status(&self) -> LoopStatus {
