@@ -361,13 +361,13 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
         Ok(())
     }
 
-    /// What only viewers look at need not be made while none is there; the digest wants it all the same.
+    /// What nobody hears need not be made; the digest wants it all the same.
     fn note_what_is_wanted(&mut self) {
         for port in 0..self.interface.ports.len() {
             let wanted = !self.routing.sends[port].is_empty()
                 || self.digest.active()
                 || self.tap.as_ref().is_some_and(|tap| tap.wants(port))
-                || self.public.as_ref().is_some_and(|public| public.has_readers(port));
+                || self.public.as_ref().is_some_and(|public| public.is_heard(port));
             self.io.note_wanted(port, wanted);
         }
     }
