@@ -18,7 +18,6 @@ mod candidate;
 mod config;
 mod detector;
 mod health;
-mod hull;
 mod modes;
 mod overlay;
 mod picture;
