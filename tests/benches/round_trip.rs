@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, criterion_group};
-use feeder_runtime::dds::{DiscoveryRange, Domain, NodeName, Participant, Qos};
+use feeder_runtime::dds::{DiscoveryRange, Domain, NodeName, Participant, Qos, StaticPeers};
 use feeder_runtime::digest::Digest;
 use feeder_runtime::launch::{Seat, full_name, run_opened};
 use feeder_runtime::lockstep::{ClockRunner, Hub, LoopClock, LoopContract, LoopTiming, Speed};
@@ -176,7 +176,11 @@ fn second_process(role: &[&str]) -> Child {
 
 fn act(role: &str) {
     let words: Vec<&str> = role.split(' ').collect();
-    let domain = |id: &str| Domain { id: id.parse().expect("a domain"), range: DiscoveryRange::Localhost };
+    let domain = |id: &str| Domain {
+        id: id.parse().expect("a domain"),
+        range: DiscoveryRange::Localhost,
+        peers: StaticPeers::default(),
+    };
     match words[..] {
         ["pong", id, contract] => {
             let contract = std::fs::read(contract).expect("the contract is there");
