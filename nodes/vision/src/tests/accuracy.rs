@@ -115,3 +115,26 @@ fn a_yaw_is_found_as_the_part_is_turned() {
         assert!(off_rad.abs() < 5_f64.to_radians(), "{found:?} of {part:?}");
     }
 }
+
+/// A wheel with fourteen teeth, 8 mm across.
+fn gear() -> PartType {
+    let corner = |index: u32| {
+        let radius_m = if index % 4 < 2 { 0.004 } else { 0.003_2 };
+        let (sin, cos) = (TAU * f64::from(index) / 56.0).sin_cos();
+        [radius_m * cos, radius_m * sin]
+    };
+    let outline: Vec<[f64; 2]> = (0..56).map(corner).collect();
+    let spec = serde_json::json!({
+        "name": "gear", "density_kg_m3": 1_400.0, "friction_static": 0.3, "friction_kinetic": 0.25, "reflectance": 0.35,
+        "shape": { "solids": [{ "extruded": { "outline": { "polygon": outline }, "z_m": [0.0, 0.001_5] } }] },
+        "wanted_poses": ["pose_1"],
+    });
+    PartType::new(&serde_json::from_value(spec).unwrap()).unwrap()
+}
+
+#[test]
+fn the_yaw_of_a_wheel_is_told_by_its_teeth() {
+    let gear = gear();
+    assert_eq!(gear.poses[0].yaw_symmetry, 14);
+    score(&gear, 2.0, 24, 2.0 * gear.outline_radius_m() + 0.002, 14).require();
+}

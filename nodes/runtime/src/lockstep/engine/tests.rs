@@ -466,3 +466,22 @@ fn what_nobody_waits_for_is_kept_together() {
     assert_eq!(node.blocked(), Some(Blocked::Grant));
     assert_eq!(edges(&mut node), [answered, heard]);
 }
+
+#[test]
+fn before_a_long_tick_what_others_wait_for_goes_out() {
+    let contract = contract(3, vec![edge(0, 1, 1, 1), edge(1, 0, 3, 1), edge(0, 2, 1, 1)], 32);
+    let mut node = Engine::new(&contract, "/n0").unwrap();
+    let picture = LoopEntry { tick: 0, sequence: 0, port: 0, payload: vec![0; 30_000] };
+    let answer = LoopBundle { run_id: RUN, until_tick: 9, entries: vec![picture], ..LoopBundle::default() };
+    node.accept_grant(&grant(12));
+    node.accept_bundle(1, answer).unwrap();
+    for _ in 0..3 {
+        assert!(!Engine::has_much_to_do(&node.inputs()));
+        node.finish_tick();
+    }
+    // It could go on, and so nothing would be sent.
+    assert!(node.take_bundles().is_empty());
+    assert!(Engine::has_much_to_do(&node.inputs()));
+    let complete = node.take_complete();
+    assert_eq!(complete.iter().map(|(edge, bundle)| (*edge, bundle.until_tick)).collect::<Vec<_>>(), [(0, 3)]);
+}
