@@ -28,6 +28,7 @@ def scenario(base, feeders, simulated):
     plan["seed"], plan["feeder"] = 1, "feeder_1"
     plan["run"] = {"duration_s": simulated}
     plan["courier"]["limits"] = {"x_m_min": -1.0, "x_m_max": room, "y_m_min": -1.0, "y_m_max": room}
+    plan["courier"]["limits"]["tether_length_m"] = min(20.0, 4.0 * room)
     plan["courier"]["start"] = [0.0, 0.0, 0.0]
     plan["delivery"]["feeding_place"] = [0.0, 0.0, 0.0]
     plan["camera"]["model"]["pose"] = {"x_m": 0.0, "y_m": -0.045, "height_m": 0.5}
