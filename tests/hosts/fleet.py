@@ -90,7 +90,8 @@ def main():
             at_start = max((entry for entry in seen if entry[0] <= startup), default=seen[0])[1]
             coming_up, running = at_start[0] - first[0], (last[0] - at_start[0]) / arguments.simulated
             reserve = (summary.get("per_delivery_s") or {}).get("reserve")
-            end = "well" if run.returncode == 0 else (said or ["?"])[-1][:160]
+            reasons = [line for line in said if any(word in line for word in ["panicked", "memory allocation", "error:"])] or said[-1:] or ["?"]
+            end = "well" if run.returncode == 0 else reasons[0][:160]
             print(
                 f"{size:7d}  {startup:7.1f}  {factor:6.2f}  {factor * size:6.1f}  {summary.get('delivered', 0):9d}  "
                 f"{'-' if reserve is None else format(reserve, '.2f'):>9s}  {coming_up:21d}  {running:16.0f}  "

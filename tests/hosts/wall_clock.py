@@ -21,8 +21,12 @@ from dataclasses import dataclass
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "..", "interop"))
-# As the nodes: on this host alone.
-os.environ["CYCLONEDDS_URI"] = "<General><Interfaces><NetworkInterface name='lo' multicast='false'/></Interfaces></General><Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><Peers><Peer address='localhost'/></Peers></Discovery>"
+# As the nodes: on this host alone. Nothing is said of what cannot be read.
+os.environ["CYCLONEDDS_URI"] = (
+    "<General><Interfaces><NetworkInterface name='lo' multicast='false'/></Interfaces></General>"
+    "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
+    "<Peers><Peer address='localhost'/></Peers></Discovery><Tracing><OutputFile>/dev/null</OutputFile></Tracing>"
+)
 
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant
 from cyclonedds.core import Policy, Qos
