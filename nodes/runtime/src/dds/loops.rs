@@ -83,7 +83,7 @@ mod tests {
             let (here, is_here) = mpsc::channel();
             let body = move || {
                 here.send(()).unwrap();
-                drop(stopped.recv());
+                let _ = stopped.recv();
             };
             let thread = std::thread::Builder::new().name(name.to_owned()).spawn(body).unwrap();
             is_here.recv().unwrap();
