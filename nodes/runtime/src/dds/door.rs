@@ -95,15 +95,24 @@ impl Door {
         if let Err(error) = self.reach.open(&sockets) {
             tracing::error!("the sockets of the DDS library stay closed: {error}");
         }
-        let presence = self.presence(&sockets, participant, number);
         let is_known_already = self.made.elapsed() >= ANNOUNCED_BY_ITSELF;
-        let herald = Herald { sockets, reach: self.reach.clone(), port: self.reach.discovery_port(number), presence };
+        let herald = self.herald(sockets, participant, number);
         let stranger = is_known_already.then(|| herald.stranger());
         if let Some(stranger) = &stranger {
             herald.tell(&stranger.encode());
         }
         herald.tell(&herald.presence.encode());
         Some(herald.go_on(stranger))
+    }
+
+    /// What tells others, when it is dropped, that `participant` has gone.
+    pub(super) fn last_word(&self, participant: Guid, number: u16) -> LastWord {
+        LastWord(self.sockets.as_ref().map(|sockets| self.herald(Arc::clone(sockets), participant, number)))
+    }
+
+    fn herald(&self, sockets: Arc<Sockets>, participant: Guid, number: u16) -> Herald {
+        let presence = self.presence(&sockets, participant, number);
+        Herald { sockets, reach: self.reach.clone(), port: self.reach.discovery_port(number), presence }
     }
 
     fn presence(&self, sockets: &Sockets, participant: Guid, number: u16) -> Presence {
@@ -121,6 +130,21 @@ impl Door {
             user,
             user_group,
             lease: LEASE,
+        }
+    }
+}
+
+/// Tells others that a participant has gone, when the DDS library has let go of it. The library says so to the group alone;
+/// an announcement from here that came to a socket of its own just before may be read after that, on a busy machine, and
+/// would bring the participant back as a ghost.
+pub(super) struct LastWord(Option<Herald>);
+
+impl Drop for LastWord {
+    fn drop(&mut self) {
+        /// Later than every announcement: they are counted from 1.
+        const SEQUENCE: i64 = 1 << 32;
+        if let Some(herald) = &self.0 {
+            herald.tell(&encode_gone(herald.presence.participant, SEQUENCE));
         }
     }
 }

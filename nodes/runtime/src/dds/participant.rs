@@ -18,7 +18,7 @@ use ros2_client::{
 
 use super::{
     DdsError, DiscoveryRange, Domain, Graph, Guid, NodeName, SOCKET_BUFFER_BYTES,
-    door::Door,
+    door::{Door, LastWord},
     executor::{Executor, Spawner, Task as BackgroundTask},
     farewell::Farewell,
     graph::{self, Nodes},
@@ -38,7 +38,8 @@ pub struct Participant {
     pub(super) inner: Arc<Inner>,
 }
 
-/// Fields are dropped in this order: first the thread with the readers it drains, the participant last.
+/// Fields are dropped in this order: first the thread with the readers it drains, then the participant, and what is said
+/// when it has gone last.
 pub(super) struct Inner {
     pub(super) executor: Executor,
     announcement: Mutex<Announcement>,
@@ -54,6 +55,7 @@ pub(super) struct Inner {
     pub(super) tally: Tally,
     _farewell: Farewell,
     pub(super) domain_participant: DomainParticipant,
+    _last_word: LastWord,
 }
 
 impl Drop for Inner {
@@ -133,7 +135,6 @@ impl Participant {
             announcement,
             nodes,
             lull: Mutex::new(Lull::of(&domain_participant)),
-            door,
             relay: OnceLock::new(),
             written: Written::default(),
             publisher,
@@ -141,6 +142,8 @@ impl Participant {
             name: node.clone(),
             domain: *domain,
             tally: Tally::default(),
+            _last_word: door.last_word(domain_participant.guid().into(), domain_participant.participant_id()),
+            door,
             _farewell: Farewell::of(&domain_participant),
             domain_participant,
         };
