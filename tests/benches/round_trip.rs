@@ -1,5 +1,6 @@
 //! What a round trip costs: in the loop, within a process and between two, and of a service between two processes, ours
 //! and beside it that of Cyclone DDS in C.
+#![expect(clippy::unwrap_used, reason = "what fails to set up fails the bench")]
 
 #[path = "../common/install.rs"]
 mod install;

@@ -420,11 +420,11 @@ mod tests {
         score.hear_selector(10, &[called(0.070, &other_name, clear)]);
         score.hear_selector(10, &[called(0.070, &right_name, Refusals { part_too_near: true, ..clear })]);
         score.hear_selector(15, &[called(0.070, &right_name, clear)]);
-        assert_eq!((feed(&score), score.progress.selected.len(), score.progress.seen.len()), ((0, 0), 0, 1));
+        assert_eq!((feed(&score), score.progress.selected, score.progress.seen), ((0, 0), 0, 1));
         // As often as it is called right, once a lap.
         score.hear_selector(10, &[called(0.070, &right_name, clear)]);
         score.hear_selector(10, &[called(0.070, &right_name, clear)]);
-        assert_eq!((feed(&score), score.progress.selected.len()), ((1, 0), 1));
+        assert_eq!((feed(&score), score.progress.selected), ((1, 0), 1));
         score.hear_selector(10, &[called(0.085, &right_name, clear)]);
         assert_eq!(feed(&score), (1, 1));
         // Nothing is there.

@@ -278,7 +278,7 @@ impl Engine {
         if self.next_tick >= self.granted_until {
             return Some(Blocked::Grant);
         }
-        let late = self.ins.iter().find(|edge| self.next_tick + 1 > edge.complete_until + edge.delay_ticks);
+        let late = self.ins.iter().find(|edge| self.next_tick + 1 > edge.due(edge.complete_until));
         late.map(|edge| Blocked::Input(&edge.from))
     }
 
@@ -286,7 +286,7 @@ impl Engine {
     pub fn inputs(&mut self) -> Vec<Input> {
         let mut inputs = Vec::new();
         for (index, edge) in self.ins.iter_mut().enumerate() {
-            while edge.queue.front().is_some_and(|entry| entry.tick + edge.delay_ticks <= self.next_tick) {
+            while edge.queue.front().is_some_and(|entry| edge.due(entry.tick) <= self.next_tick) {
                 if let Some(entry) = edge.queue.pop_front() {
                     inputs.push(Input { edge: index, port: entry.port, payload: Bytes::from(entry.payload) });
                 }
@@ -375,13 +375,21 @@ fn take(
     bundles
 }
 
+impl InEdge {
+    /// The tick that what was sent in `tick` is meant for; a tick is whatever a sender says it is, and may be any.
+    fn due(&self, tick: u64) -> u64 {
+        tick.saturating_add(self.delay_ticks)
+    }
+}
+
 impl OutEdge {
     /// Whether the consumer can go on for a while without the pending bundle, of `age` ticks. What it has run is known by what
     /// it sent, which it may keep back in turn, but not for longer: so one that has to wait is known to be close to it.
     fn can_be_kept_back(&self, ins: &[InEdge], age: u64) -> bool {
+        // Any number, if the consumer says so: as for the ticks of what it sends.
         let has_run = self.back.map(|back| ins[back].complete_until);
         let can_run = self.first_tick + self.delay_ticks;
-        age < KEPT_BACK_TICKS && has_run.is_some_and(|has_run| has_run + KEPT_BACK_TICKS < can_run)
+        age < KEPT_BACK_TICKS && has_run.is_some_and(|has_run| has_run.saturating_add(KEPT_BACK_TICKS) < can_run)
     }
 
     /// Closes the pending bundle: everything before `until_tick` is complete with it.

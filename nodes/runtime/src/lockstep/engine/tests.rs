@@ -382,6 +382,20 @@ fn a_bundle_with_a_port_of_no_channel_is_refused() {
 }
 
 #[test]
+fn regress_what_is_sent_at_the_end_of_time_never_comes() {
+    let (_, mut receiver) = pair(1);
+    receiver.accept_grant(&grant(10));
+    let entries = vec![LoopEntry { tick: u64::MAX, ..Default::default() }];
+    let bundle = LoopBundle { run_id: RUN, until_tick: u64::MAX, entries, ..Default::default() };
+    receiver.accept_bundle(0, bundle).unwrap();
+    for _ in 0..10 {
+        assert_eq!(receiver.blocked(), None);
+        assert_eq!(receiver.inputs(), Vec::new());
+        receiver.finish_tick();
+    }
+}
+
+#[test]
 fn the_largest_message_fits_and_one_byte_more_is_refused() {
     let (mut sender, _) = pair(1);
     let route = route(&sender);
