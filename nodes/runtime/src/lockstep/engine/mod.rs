@@ -13,6 +13,9 @@ const BUNDLE_BYTES_MAX: usize = 48 * 1024;
 const ENTRY_BYTES: usize = 32;
 /// A node that never blocks still sends this often, so that those who wait for it can go on.
 const BUNDLE_TICKS_MAX: u64 = 8;
+/// A node that waits keeps back fewer ticks than this for a consumer that can run for more on what it was sent: two ticks in
+/// one bundle cost little more than one, and each bundle is answered and wakes somebody.
+const KEPT_BACK_TICKS: u64 = 2;
 /// A tick with inputs of so many bytes is likely to take long.
 const LONG_STEP_BYTES: usize = 8 * 1024;
 
@@ -101,8 +104,11 @@ struct InEdge {
 #[derive(Debug)]
 struct OutEdge {
     contract_index: usize,
+    delay_ticks: u64,
     /// Whether anybody hears the consumer: if not, nobody waits for it.
     leads_on: bool,
+    /// The in-edge from the consumer, which tells how far it is.
+    back: Option<usize>,
     next_bundle: u64,
     next_entry: u32,
     first_tick: u64,
@@ -142,6 +148,7 @@ impl Engine {
             .node_index(node)
             .ok_or_else(|| LoopError::NotInLoop { node: node.to_owned(), nodes: contract.nodes.clone() })?;
         let edges = || contract.edges.iter().enumerate();
+        let back = |to: usize| edges().filter(|(_, edge)| edge.to == me).position(|(_, edge)| edge.from == to);
         Ok(Self {
             run_id: contract.run_id,
             next_tick: 0,
@@ -167,7 +174,9 @@ impl Engine {
                 .filter(|(_, edge)| edge.from == me)
                 .map(|(contract_index, edge)| OutEdge {
                     contract_index,
+                    delay_ticks: edge.delay_ticks,
                     leads_on: contract.edges.iter().any(|other| other.from == edge.to),
+                    back: back(edge.to),
                     next_bundle: 0,
                     next_entry: 0,
                     first_tick: 0,
@@ -321,33 +330,23 @@ impl Engine {
 
     /// Bundles to send before a tick that takes long: all that is complete and that others may be waiting for.
     pub fn take_complete(&mut self) -> Vec<(usize, LoopBundle)> {
-        self.take(|edge, age| age > 0 && edge.leads_on)
+        take(&mut self.outs, self.run_id, self.next_tick, |edge, _| edge.leads_on)
     }
 
     /// Bundles to send, as (contract index of the edge, bundle): when the node has no more to run all that is complete, when it
-    /// waits for input what others may be waiting for, and else only what is long or large enough.
+    /// waits for input what others may be waiting for or soon will, and else only what is long or large enough.
     pub fn take_bundles(&mut self) -> Vec<(usize, LoopBundle)> {
         let (waits, is_done) = match self.blocked() {
             None => (false, false),
             Some(Blocked::Input(_)) => (true, false),
             Some(Blocked::Grant | Blocked::Ended) => (true, true),
         };
-        self.take(|edge, age| {
+        let ins = &self.ins;
+        take(&mut self.outs, self.run_id, self.next_tick, |edge, age| {
             let is_due = age >= BUNDLE_TICKS_MAX || edge.bytes > BUNDLE_BYTES_MAX / 2;
-            age > 0 && (is_due || is_done || waits && edge.leads_on)
+            let is_waited_for = || waits && edge.leads_on && !edge.can_be_kept_back(ins, age);
+            is_due || is_done || is_waited_for()
         })
-    }
-
-    /// Takes what is finished, after the pending bundles are cut to which that applies, by the ticks they hold.
-    fn take(&mut self, applies: impl Fn(&OutEdge, u64) -> bool) -> Vec<(usize, LoopBundle)> {
-        let mut bundles = Vec::new();
-        for edge in &mut self.outs {
-            if applies(edge, self.next_tick - edge.first_tick) {
-                edge.cut(self.run_id, self.next_tick);
-            }
-            bundles.extend(edge.finished.drain(..).map(|bundle| (edge.contract_index, bundle)));
-        }
-        bundles
     }
 
     /// Bundles that only show that the edges work, sent until the run starts.
@@ -358,6 +357,24 @@ impl Engine {
     }
 }
 
+/// Takes what is finished, after the pending bundles are cut to which that applies, by the ticks they hold.
+fn take(
+    outs: &mut [OutEdge],
+    run_id: u64,
+    next_tick: u64,
+    applies: impl Fn(&OutEdge, u64) -> bool,
+) -> Vec<(usize, LoopBundle)> {
+    let mut bundles = Vec::new();
+    for edge in outs {
+        let age = next_tick - edge.first_tick;
+        if age > 0 && applies(edge, age) {
+            edge.cut(run_id, next_tick);
+        }
+        bundles.extend(edge.finished.drain(..).map(|bundle| (edge.contract_index, bundle)));
+    }
+    bundles
+}
+
 impl InEdge {
     /// The tick that what was sent in `tick` is meant for; a tick is whatever a sender says it is, and may be any.
     fn due(&self, tick: u64) -> u64 {
@@ -366,6 +383,15 @@ impl InEdge {
 }
 
 impl OutEdge {
+    /// Whether the consumer can go on for a while without the pending bundle, of `age` ticks. What it has run is known by what
+    /// it sent, which it may keep back in turn, but not for longer: so one that has to wait is known to be close to it.
+    fn can_be_kept_back(&self, ins: &[InEdge], age: u64) -> bool {
+        // Any number, if the consumer says so: as for the ticks of what it sends.
+        let has_run = self.back.map(|back| ins[back].complete_until);
+        let can_run = self.first_tick + self.delay_ticks;
+        age < KEPT_BACK_TICKS && has_run.is_some_and(|has_run| has_run.saturating_add(KEPT_BACK_TICKS) < can_run)
+    }
+
     /// Closes the pending bundle: everything before `until_tick` is complete with it.
     fn cut(&mut self, run_id: u64, until_tick: u64) {
         self.finished.push(LoopBundle {
