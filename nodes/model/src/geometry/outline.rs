@@ -1,6 +1,6 @@
 //! The convex silhouette of a part as it lies, seen from above.
 
-use nalgebra::{Point2, Vector2};
+use nalgebra::{Point2, Rotation2, Vector2};
 
 /// How far a silhouette may deviate from a circle about the centre of mass, as a share of its radius, to count as one.
 const ROUNDNESS: f64 = 0.01;
@@ -31,6 +31,13 @@ impl Outline {
     #[must_use]
     pub fn area_m2(&self) -> f64 {
         0.5 * edges(&self.corners_m).map(|(from, to)| from.coords.perp(&to.coords)).sum::<f64>()
+    }
+
+    /// The corners of the silhouette with the centre of mass at `centre`, turned by `yaw_rad`, counter-clockwise, m.
+    #[must_use]
+    pub fn placed_m(&self, centre: Point2<f64>, yaw_rad: f64) -> Vec<Point2<f64>> {
+        let turn = Rotation2::new(yaw_rad);
+        self.corners_m.iter().map(|corner| centre + turn * corner.coords).collect()
     }
 
     /// Extent along the direction of `angle_rad`, m.

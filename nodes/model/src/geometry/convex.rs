@@ -1,9 +1,10 @@
-//! Convex outlines, counter-clockwise: how far they are apart.
+//! Convex outlines, corners counter-clockwise, m: how far they are apart.
 
 use nalgebra::{Point2, Vector2};
 
 /// Free gap between two convex outlines, m; 0 where they overlap.
-pub(super) fn gap_m(a: &[Point2<f64>], b: &[Point2<f64>]) -> f64 {
+#[must_use]
+pub fn gap_m(a: &[Point2<f64>], b: &[Point2<f64>]) -> f64 {
     let inside = |outline: &[Point2<f64>], points: &[Point2<f64>]| {
         points.first().is_some_and(|point| distance_m(outline, point) <= 0.0)
     };
@@ -17,12 +18,14 @@ pub(super) fn gap_m(a: &[Point2<f64>], b: &[Point2<f64>]) -> f64 {
 }
 
 /// Distance of a point from a convex outline, m; 0 inside.
-pub(super) fn distance_m(outline: &[Point2<f64>], point: &Point2<f64>) -> f64 {
+#[must_use]
+pub fn distance_m(outline: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     signed_distance_m(outline, point).max(0.0)
 }
 
 /// The same, and inside how far from the outline, below 0.
-pub(super) fn signed_distance_m(outline: &[Point2<f64>], point: &Point2<f64>) -> f64 {
+#[must_use]
+pub fn signed_distance_m(outline: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     let mut outside = outline.len() < 3;
     let mut nearest_m = f64::INFINITY;
     for (index, from) in outline.iter().enumerate() {
