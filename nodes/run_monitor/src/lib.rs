@@ -6,6 +6,7 @@ mod feeder;
 mod platen;
 mod progress;
 mod score;
+mod trips;
 mod truth;
 mod whereabouts;
 
@@ -21,6 +22,7 @@ pub use feed::Feed;
 use feeder::FeederMonitor;
 use platen::PlatenMonitor;
 pub use progress::{Activity, FeederProgress, Progress};
+pub use trips::{Oracle, Trips};
 pub use whereabouts::OdometryScore;
 
 /// Ticks between progress messages.

@@ -34,6 +34,8 @@ pub(crate) struct FeederScore {
     picked: BTreeSet<u32>,
     /// Since when the planner has done what it does, ns.
     active_since_ns: u64,
+    /// The delivery whose part was presented last.
+    presented: Option<String>,
     /// The pose in which the part presented last was said to lie.
     promised_pose: Option<String>,
     pub(crate) progress: FeederProgress,
@@ -46,11 +48,12 @@ impl FeederScore {
             wanted_pose_names: part.wanted_pose_names().map(str::to_owned).collect(),
             part_radius_m: part.outline_radius_m(),
             truth: Truth::default(),
-            feed: FeedScore::new(config.tray, part),
+            feed: FeedScore::new(config.tray, part, config.part_gap_m_min),
             metrics_ns: METRICS_NS,
             present: BTreeSet::new(),
             picked: BTreeSet::new(),
             active_since_ns: 0,
+            presented: None,
             promised_pose: None,
             progress: FeederProgress { name: feeder.to_owned(), ..FeederProgress::default() },
         }
@@ -96,6 +99,14 @@ impl FeederScore {
         }
         let spent_s = Duration::from_nanos(stamp_ns.saturating_sub(self.active_since_ns)).as_secs_f64();
         *self.progress.spent_s.entry(self.progress.activity).or_insert(0.0) += spent_s;
+        let begins = stand.phase == Phase::Presented && stand.delivery_id != self.presented;
+        if begins {
+            self.presented.clone_from(&stand.delivery_id);
+        }
+        self.progress.trips.pass(self.progress.activity, spent_s, begins);
+        let ended = stand.delivered + stand.failed_by_outcome.iter().sum::<u32>();
+        let open = stand.accepted.saturating_sub(ended);
+        self.progress.trips.goals_open_max = self.progress.trips.goals_open_max.max(open);
         self.progress.activity = activity_of(stand.phase);
         self.active_since_ns = stamp_ns;
         self.progress.accepted = stand.accepted;

@@ -120,6 +120,14 @@ impl Scenario {
         }
     }
 
+    /// Free gap to the next part that a part needs to be picked, m: what the selector asks for, or the least that a station's
+    /// gripper needs where that is more.
+    #[must_use]
+    pub fn part_gap_m_min(&self, part: &PartType) -> f64 {
+        let rooms_m = self.stations.iter().map(|station| station.gripper.room_m(part));
+        rooms_m.min_by(f64::total_cmp).unwrap_or(0.0).max(self.selector.part_clearance_m)
+    }
+
     /// The camera as it is simulated.
     #[must_use]
     pub fn simulated_camera(&self) -> SimulatedCamera {

@@ -48,7 +48,7 @@ impl Scenario {
         if self.is_arbitrated() {
             place(PLATEN_NAMESPACE, PlannedConfig::PlatenArbiter(Box::new(PlatenArbiterConfig { tick_ms })));
         }
-        place(&self.namespace(), PlannedConfig::RunMonitor(Box::new(self.run_monitor()?)));
+        place(&self.namespace(), PlannedConfig::RunMonitor(Box::new(self.run_monitor(&part)?)));
         let provenance =
             Provenance { version: env!("CARGO_PKG_VERSION").to_owned(), seed: self.seed, scenario: text.to_owned() };
         Ok(RunPlan { provenance, run: self.run, time: self.time, nodes })
@@ -193,12 +193,13 @@ impl Scenario {
         }
     }
 
-    fn run_monitor(&self) -> Result<RunMonitorConfig, ScenarioError> {
+    fn run_monitor(&self, part: &PartType) -> Result<RunMonitorConfig, ScenarioError> {
         Ok(RunMonitorConfig {
             tick_ms: self.time.tick_ms,
             feeders: self.feeder_names().map(str::to_owned).collect(),
             tray: self.tray.geometry,
             part: self.part.spec().map_err(|error| invalid("part", &error))?,
+            part_gap_m_min: self.part_gap_m_min(part),
             footprint_radius_m: self.delivery.footprint_radius_m,
             arbitrated: self.is_arbitrated(),
         })
