@@ -302,8 +302,11 @@ impl DeliveryPlanner {
             Phase::Presented => (Condition::AwaitsHandOver, format!("at {station}")),
             Phase::Reserving => (Condition::AwaitsArea, format!("for {station}")),
             Phase::Purging => (Condition::Purging, String::new()),
-            // What may be wrong with the feed is said before no part comes.
-            _ => (Condition::AtWork, self.sequencer.feed_trouble().unwrap_or_default()),
+            // What may be wrong with the feed is said before no part comes, and so is what may be wrong with moves.
+            _ => {
+                let trouble = self.sequencer.feed_trouble().or_else(|| self.sequencer.slip_trouble());
+                (Condition::AtWork, trouble.unwrap_or_default())
+            }
         }
     }
 }
