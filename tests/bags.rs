@@ -100,6 +100,25 @@ fn a_run_is_recorded_whole_in_either_layout_and_every_reader_reads_it() {
     assert_eq!(found, expected, "@mcap/core");
 }
 
+/// A file is named by its folder, so both have the same.
+#[test]
+fn the_same_seed_leaves_the_same_bytes() {
+    let [first, second] = [(), ()].map(|()| {
+        let (work, folder) = place("bag");
+        let options = format!("--duration 4 --composed {WITHOUT_RAW} --record {}", folder.display());
+        Up::new(&options).success();
+        let files: BTreeMap<PathBuf, Vec<u8>> = walk(&folder)
+            .into_iter()
+            .map(|file| (file.strip_prefix(&work).unwrap().to_owned(), std::fs::read(&file).unwrap()))
+            .collect();
+        files
+    });
+    assert_eq!(first.keys().collect::<Vec<_>>(), second.keys().collect::<Vec<_>>());
+    for (file, bytes) in &first {
+        assert!(bytes == &second[file], "{} differs", file.display());
+    }
+}
+
 #[test]
 fn a_recorded_run_comes_out_the_same_again_and_so_does_its_selector_alone() {
     let (work, folder) = place("bag");

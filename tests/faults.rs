@@ -75,6 +75,24 @@ fn a_node_that_never_comes_up_is_named() {
     assert!(!node.is_running());
 }
 
+/// As Ctrl-Z and `fg` do. The DDS library may lose its threads by it: then the run ends and says why; it never hangs.
+#[test]
+fn a_run_that_was_stopped_and_goes_on_ends_well_or_with_the_reason() {
+    for form in ["", "--composed"] {
+        let mut run = Up::new(&format!("--duration 3 --speed 1 {form}")).start();
+        run.wait_until_simulated(Duration::from_millis(500));
+        let processes: Vec<_> = run.nodes().into_iter().chain([run.process()]).collect();
+        for (signal, stopped) in [(Signal::STOP, true), (Signal::CONT, false)] {
+            processes.iter().for_each(|process| process.signal(signal));
+            wait_for("them to obey", || processes.iter().all(|process| process.is_stopped() == stopped).then_some(()));
+        }
+        let outcome = run.outcome();
+        let said = outcome.stderr.contains("has ended, and nothing is heard or sent any more");
+        assert!(outcome.status.success() || said, "{form}: {}", outcome.stderr);
+        wait_for("them to leave", || processes.iter().all(|process| !process.is_running()).then_some(()));
+    }
+}
+
 #[test]
 fn nodes_leave_when_feeder_up_is_killed() {
     let run = running();
@@ -94,6 +112,8 @@ fn a_blind_camera_stops_selection() {
         assert!((outcome.number(key) - expected).abs() < 0.5, "{}", outcome.summary());
     }
     assert!(outcome.number("fed") >= 3.0, "{}", outcome.summary());
+    let missed = &outcome.summary()["feeding"][0]["missed_selections"];
+    assert!(missed.as_u64().unwrap() >= 1, "{}", outcome.summary());
 }
 
 #[test]

@@ -1,10 +1,12 @@
 //! A run as a simulation in the sense of `simulation_interfaces`: stopped, stepped, reset, its parts looked at and moved.
 
+use std::path::Path;
 use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
 use feeder_runtime::dds::{Participant, Reader};
 use feeder_runtime::node::ns_of_stamp;
+use feeder_scenario::plan::{Loaded, load};
 use feeder_wire::{nodes, services, topics};
 use minifactory_msgs::action_msgs::msg::GoalStatus;
 use minifactory_msgs::geometry_msgs::msg::{Point, Pose, PoseStamped};
@@ -26,7 +28,7 @@ use minifactory_msgs::unique_identifier_msgs::msg::UUID;
 use minifactory_msgs::{Action, Service};
 use tempfile::TempDir;
 
-use crate::common::{FEEDER, Run, Up, wait_for};
+use crate::common::{FEEDER, Outcome, Run, Up, wait_for};
 use crate::managed::state;
 use crate::wall_clock::{PATIENCE, call, hear, participant};
 
@@ -123,12 +125,13 @@ impl Bench {
     }
 
     /// Ends the run, and what its monitor says of parts.
-    fn end(self) {
+    fn end(self) -> Outcome {
         assert_eq!(self.set_state(SimulationState::STATE_QUITTING), Answer::RESULT_OK);
         let outcome = self.run.outcome();
         assert!(outcome.status.success(), "{}", outcome.stderr);
         let score = |key| outcome.number(key);
         assert_eq!((score("parts_lost"), score("parts_doubled"), score("wrong_pose_delivered")), (0.0, 0.0, 0.0));
+        outcome
     }
 }
 
@@ -274,4 +277,38 @@ fn parts_are_looked_at_moved_put_down_and_taken_away_also_while_time_stands_stil
     let delivered = |state: &DeliveryState| state.delivered > 0;
     wait_for("a delivery", || bench.deliveries.try_iter().find(delivered));
     bench.end();
+}
+
+/// A hand turns the part under the open gripper: it is another part to the monitor then, which cannot tell how far that slid, and
+/// it is not turned as it was presented.
+#[test]
+fn what_a_hand_turns_under_the_gripper_is_counted() {
+    let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../launch_configs/blocks.yaml"));
+    let Loaded::Scenario(mut scenario, _) = load(Some(file)).unwrap() else { panic!("no scenario") };
+    // Wide enough for a block that is turned, and slow, so that there is time for the hand.
+    scenario.stations[0].gripper.opening_m = Some(0.012);
+    scenario.stations[0].manipulator.z.speed_max = 0.004;
+    let bench = Bench::of(Up::new("--composed --duration 86400 --speed 1").scenario(&scenario));
+    let is_presented = |state: &DeliveryState| state.phase == DeliveryState::PRESENTED;
+    let presented = wait_for("a part under the gripper", || bench.deliveries.try_iter().find(is_presented));
+    bench.set_state(SimulationState::STATE_PAUSED);
+    bench.step(1);
+    let states = bench.call(&services::GET_ENTITIES_STATES, &GetEntitiesStatesRequest::default());
+    let station = (scenario.stations[0].x_m, scenario.stations[0].y_m);
+    let offset_m = |state: &EntityState| (state.pose.position.x - station.0).hypot(state.pose.position.y - station.1);
+    let found = states.entities.iter().zip(&states.states).min_by(|a, b| offset_m(a.1).total_cmp(&offset_m(b.1)));
+    let (name, state) = found.unwrap();
+    assert!(offset_m(state) < 1e-3, "{name} lies {} m from the axis", offset_m(state));
+    let mut pose = state.pose;
+    let yaw_rad = 2.0 * pose.orientation.z.atan2(pose.orientation.w) + 0.3;
+    (pose.orientation.z, pose.orientation.w) = (0.5 * yaw_rad).sin_cos();
+    let moved = bench.move_to(name, "platen", pose);
+    assert_eq!(moved.result, Answer::RESULT_OK, "{}", moved.error_message);
+    let before = presented.delivered;
+    bench.set_state(SimulationState::STATE_PLAYING);
+    wait_for("its delivery", || bench.deliveries.try_iter().find(|state| state.delivered > before));
+    let outcome = bench.end();
+    assert!(outcome.number("slips_unknown") >= 1.0, "{}", outcome.summary());
+    assert!(outcome.number("wrong_yaw_delivered") >= 1.0, "{}", outcome.summary());
+    assert!(outcome.number("max_yaw_error_rad") > 0.2, "{}", outcome.summary());
 }

@@ -69,18 +69,21 @@ fn the_built_in_scenario_delivers_parts_the_right_way_up_and_without_slip() {
     let keys: BTreeSet<&str> = outcome.summary().as_object().unwrap().keys().map(String::as_str).collect();
     let agreed = [
         "accepted",
+        "chosen_without_room",
         "delivered",
         "delivered_per_minute",
         "failed",
         "fed",
         "feeding",
         "max_slip_m",
+        "max_yaw_error_rad",
         "odometry",
         "parts_doubled",
         "parts_lost",
         "per_delivery_s",
         "platen",
         "real_time_factor",
+        "room_short_m_max",
         "selected",
         "sim_s",
         "slips_unknown",
@@ -88,6 +91,7 @@ fn the_built_in_scenario_delivers_parts_the_right_way_up_and_without_slip() {
         "succeeded",
         "wall_s",
         "wrong_pose_delivered",
+        "wrong_yaw_delivered",
     ];
     assert_eq!(keys, BTreeSet::from(agreed));
     let factor = outcome.number("sim_s") / outcome.number("wall_s");

@@ -33,6 +33,11 @@ impl Process {
         stat(self.id).is_some_and(|stat| stat.state != "Z" && stat.state != "X")
     }
 
+    /// Whether a signal has stopped it.
+    pub(crate) fn is_stopped(self) -> bool {
+        stat(self.id).is_some_and(|stat| stat.state == "T")
+    }
+
     /// The processes it has started and that still run.
     pub(crate) fn children(self) -> Vec<Self> {
         let ids = fs::read_dir("/proc").unwrap().filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());

@@ -1,7 +1,7 @@
 //! Writing bags so that a crash costs at most the last second.
 //!
-//! Messages are packed into chunks, and a chunk is handed to the system, whole and with its index, when it is full or a
-//! second old. What the system has survives the end of this process, also by kill −9; it survives a power cut when the
+//! Messages are packed into chunks, and a chunk is handed to the system, whole and with its index, when it is full or its
+//! messages span a fifth of a second, and in a [live](WriteSettings::live) recording when it is half a second old. What the system has survives the end of this process, also by kill −9; it survives a power cut when the
 //! system has written it to the disk, which is asked for at the end of each file. A reserve of space is kept in the
 //! bag's folder: when the medium is full it is given up, and what it held is enough to close the bag.
 
@@ -22,6 +22,8 @@ use sink::Sink;
 
 /// Uncompressed size at which a chunk is closed, bytes.
 const CHUNK_BYTES: usize = 1 << 20;
+/// Time, by the messages', that it holds at most, ns.
+const CHUNK_SPAN_NS: u64 = 200_000_000;
 /// Age at which it is closed: less than a second, so that with the time to write it no more is lost.
 const CHUNK_AGE: Duration = Duration::from_millis(500);
 
@@ -44,6 +46,9 @@ pub struct WriteSettings {
     pub distribution: Distribution,
     /// How chunks are packed.
     pub compression: Compression,
+    /// Messages are written as they happen: what the clock says ends chunks too, so that a crash costs at most the last
+    /// second, however slowly messages come. Otherwise the same messages make the same bytes.
+    pub live: bool,
     /// Size at which a new file is begun, bytes.
     pub split_bytes: Option<u64>,
     /// Time, by the messages', after which a new file is begun, ns.
@@ -105,9 +110,12 @@ struct OpenFile {
     sink: Sink,
     bounds_ns: Option<(u64, u64)>,
     count: u64,
-    /// Bytes in the open chunk, and since when there are some.
+    /// Bytes in the open chunk, the time of its first message, and since when there are some.
     chunk_bytes: usize,
+    chunk_from_ns: Option<u64>,
+    /// Nothing where the clock plays no part.
     chunk_since: Option<Instant>,
+    live: bool,
 }
 
 impl BagWriter {
@@ -196,14 +204,12 @@ impl BagWriter {
         self.check_room()
     }
 
-    /// Hands over to the system what is old enough. To be called at least twice a second while nothing is written.
+    /// Hands over to the system what is old enough in a live recording. To be called at least twice a second while nothing is written.
     ///
     /// # Errors
     /// As [`write`](Self::write).
     pub fn flush_if_due(&mut self) -> Result<(), BagError> {
-        if self.file.chunk_since.is_some_and(|since| since.elapsed() >= CHUNK_AGE) {
-            self.file.flush()?;
-        }
+        self.file.flush_if_old()?;
         self.check_room()
     }
 
@@ -338,7 +344,17 @@ impl OpenFile {
             .chunk_size(None)
             .disable_seeking(true);
         let writer = options.create(sink.clone()).map_err(|error| mcap_error(&path, 0, error))?;
-        let mut file = Self { path, writer, sink, bounds_ns: None, count: 0, chunk_bytes: 0, chunk_since: None };
+        let mut file = Self {
+            path,
+            writer,
+            sink,
+            bounds_ns: None,
+            count: 0,
+            chunk_bytes: 0,
+            chunk_from_ns: None,
+            chunk_since: None,
+            live: settings.live,
+        };
         file.flush()?;
         Ok(file)
     }
@@ -365,7 +381,7 @@ impl OpenFile {
         let schema = self.writer.add_schema(&topic.ros_type, &topic.schema_encoding, topic.schema.as_bytes());
         let schema = self.checked(schema)?;
         let channel = self.writer.add_channel(schema, &topic.name, "cdr", &metadata);
-        self.chunk_since.get_or_insert_with(Instant::now);
+        self.begin_chunk();
         self.checked(channel)
     }
 
@@ -376,13 +392,26 @@ impl OpenFile {
         self.bounds_ns = Some((start.min(header.log_time), end.max(header.log_time)));
         self.count += 1;
         self.chunk_bytes += data.len();
-        let since = *self.chunk_since.get_or_insert_with(Instant::now);
-        if self.chunk_bytes >= CHUNK_BYTES || since.elapsed() >= CHUNK_AGE { self.flush() } else { Ok(()) }
+        let from_ns = *self.chunk_from_ns.get_or_insert(header.log_time);
+        self.begin_chunk();
+        let is_full = self.chunk_bytes >= CHUNK_BYTES || header.log_time.saturating_sub(from_ns) >= CHUNK_SPAN_NS;
+        if is_full { self.flush() } else { self.flush_if_old() }
+    }
+
+    fn begin_chunk(&mut self) {
+        if self.live {
+            self.chunk_since.get_or_insert_with(Instant::now);
+        }
+    }
+
+    fn flush_if_old(&mut self) -> Result<(), BagError> {
+        if self.chunk_since.is_some_and(|since| since.elapsed() >= CHUNK_AGE) { self.flush() } else { Ok(()) }
     }
 
     /// Closes the chunk and hands it to the system.
     fn flush(&mut self) -> Result<(), BagError> {
         self.chunk_bytes = 0;
+        self.chunk_from_ns = None;
         self.chunk_since = None;
         let done = self.writer.flush();
         self.checked(done)

@@ -1,12 +1,14 @@
 //! Bags that are not as they should be: an error or a warning with file and place, the rest, and never a panic.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use proptest::prelude::*;
+use ros2_bags::qos::{Durability, QosProfile, Reliability};
 use ros2_bags::recover::recover;
-use ros2_bags::{Bag, BagWriter, Compression, Query, RecordedMessage, WriteSettings};
+use ros2_bags::{Bag, BagWriter, Compression, NewAttachment, NewTopic, Query, RecordedMessage, WriteSettings};
 
-use crate::common::{errors, fill, good};
+use crate::common::{STEP_NS, errors, fill, good, text, topic};
 
 /// Text and joint states in the broken files that lie beside this crate, made by `examples/broken.rs`.
 const WRITTEN: usize = 400;
@@ -61,6 +63,65 @@ fn every_kind_of_broken_file_is_named_with_its_place_and_the_rest_is_read() {
     broken("missing_metadata", &["metadata.yaml is missing"], WRITTEN);
     broken("future_metadata", &["metadata.yaml: version 99"], WRITTEN);
     broken("missing_file", &["missing_file_1.mcap: metadata.yaml names this file, but it is not there"], WRITTEN);
+}
+
+/// All that a bag says of itself, and all that is in it.
+fn whole(bag: &Bag) -> impl PartialEq + std::fmt::Debug + use<> {
+    let (attachments, records) = bag.extras();
+    let attached: Vec<_> =
+        attachments.iter().map(|name| (name.to_string(), bag.attachment(name).unwrap().unwrap())).collect();
+    let named = records.iter().filter(|name| **name != "rosbag2");
+    let records: Vec<_> = named.map(|name| (name.to_string(), bag.records(name).last().unwrap().clone())).collect();
+    let topics = bag.topics().to_vec();
+    let custom = bag.metadata().map(|metadata| metadata.custom_data.clone());
+    let messages: Vec<_> = readable(bag)
+        .into_iter()
+        .map(|message| (message.topic, message.log_ns, message.publish_ns, message.data))
+        .collect();
+    (attached, records, topics, custom, messages)
+}
+
+/// Quality of service, hashes, definitions, attachments, records and both times are what they were.
+#[test]
+fn what_is_recovered_is_all_that_was_recorded() {
+    let work = tempfile::tempdir().unwrap();
+    let [written, recovered] = ["written", "recovered"].map(|name| work.path().join(name));
+    let custom_data = BTreeMap::from([("robot".to_owned(), "cell 7".to_owned())]);
+    let mut writer = BagWriter::create(&written, WriteSettings { custom_data, ..WriteSettings::default() }).unwrap();
+    for (name, data) in [("plan.yaml", "seed: 1"), ("notes", "")] {
+        let (name, media_type) = (name.to_owned(), "application/octet-stream".to_owned());
+        writer.attach(NewAttachment { name, media_type, data: data.into() }).unwrap();
+    }
+    writer.add_record("run", BTreeMap::from([("seed".to_owned(), "1".to_owned())])).unwrap();
+    let offered =
+        |depth, reliability, durability| QosProfile { depth, reliability, durability, ..QosProfile::default() };
+    let latched = offered(1, Reliability::Reliable, Durability::TransientLocal);
+    let passing = offered(10, Reliability::BestEffort, Durability::Volatile);
+    let qos = [vec![latched], vec![latched, passing]];
+    let topics: Vec<usize> = ["/a", "/b"]
+        .into_iter()
+        .zip(qos)
+        .map(|(name, qos)| writer.add_topic(NewTopic { qos, ..topic(name, "std_msgs/msg/String") }).unwrap())
+        .collect();
+    for number in 0..200 {
+        // Published before they were recorded, and later ones sometimes earlier than others.
+        let log_ns = number * STEP_NS;
+        writer
+            .write(topics[usize::from(number % 3 == 0)], log_ns, log_ns - 7 * (number % 5).min(log_ns), &text(number))
+            .unwrap();
+    }
+    writer.finish().unwrap();
+    let before = whole(&Bag::open(&written).unwrap());
+    // Without its summary and the end of its last chunk the file is one that nobody closed; by its chunks nothing is lost.
+    let file = written.join("written_0.mcap");
+    let bytes = std::fs::read(&file).unwrap();
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    let end = summary.chunk_indexes.iter().map(|chunk| chunk.chunk_start_offset + chunk.chunk_length).max().unwrap();
+    std::fs::write(&file, &bytes[..usize::try_from(end).unwrap()]).unwrap();
+    let damaged = Bag::open(&written).unwrap();
+    assert!(!damaged.problems().is_empty());
+    recover(&damaged, &recovered, &WriteSettings::default()).unwrap();
+    assert_eq!(whole(&Bag::open(&recovered).unwrap()), before);
 }
 
 /// As kill −9 leaves a bag: whole chunks, and nothing behind them.

@@ -63,6 +63,22 @@ fn a_bag_is_split_by_size_and_by_time_and_every_part_tells_what_it_is() {
     assert_eq!(messages(&last).len(), 100);
 }
 
+/// When the writer was called does not show: chunks end by what the messages say.
+#[test]
+fn a_chunk_holds_a_fifth_of_a_second_of_messages() {
+    let work = tempfile::tempdir().unwrap();
+    let folder = work.path().join("bag");
+    good(&folder, WriteSettings::default(), 1000);
+    let file = std::fs::read(folder.join("bag_0.mcap")).unwrap();
+    let summary = mcap::Summary::read(&file).unwrap().unwrap();
+    let spans = summary.chunk_indexes.iter().map(|chunk| (chunk.message_start_time, chunk.message_end_time));
+    // The message that makes it a fifth of a second is the last.
+    let steps = |start: u64, end: u64| (start * STEP_NS, end * STEP_NS);
+    let expected = [steps(0, 200), steps(200, 400), steps(400, 600), steps(600, 800), steps(800, 999)];
+    let ends: Vec<(u64, u64)> = spans.filter(|(_, end)| *end > 0).collect();
+    assert_eq!(ends, expected);
+}
+
 #[test]
 fn a_topic_without_definition_or_message_is_kept() {
     let work = tempfile::tempdir().unwrap();

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, bail};
-use feeder_runtime::dds::Participant;
+use feeder_runtime::dds::{Domain, NodeName, Participant};
 use feeder_runtime::digest::{self, Digest};
 use feeder_runtime::launch::{Seat, run_opened};
 use feeder_runtime::lockstep::{ClockError, ClockRunner, Hub, LoopClock, ResetRefusal, RunEnd, Speed};
@@ -17,6 +17,7 @@ use feeder_wire::topics::CLOCK;
 use run_monitor::{Activity, Progress, RunMonitor};
 
 use crate::crew::{Crew, Leave, NodeThread};
+use crate::muster::Muster;
 use crate::recording::Recording;
 use crate::summary::Summary;
 use crate::up::{Ended, UpArgs, connect, write};
@@ -24,8 +25,13 @@ use crate::view::View;
 
 /// How long nodes may take to appear and connect, longer on a busy machine.
 const START_UP_LIMIT: Duration = Duration::from_secs(20);
+/// Time without progress after which a run over several hosts is ended, s: a cable may be put back.
+const PATIENCE_OVER_HOSTS_S: u32 = 10;
 /// Why a run that is recorded cannot be started again.
 const RECORDED: &str = "the run is recorded, and a bag cannot be begun twice: end it and start another";
+
+/// The node that keeps the time.
+pub(crate) const NAME: &str = "feeder_up";
 
 /// How simulated time passes at first.
 #[derive(Clone, Copy, Debug)]
@@ -69,11 +75,16 @@ pub(crate) fn attempt(
     args: &UpArgs,
     pace: Pace,
     stop: &Arc<AtomicBool>,
-    participant: &Participant,
+    domain: Domain,
     shown: Option<&feeder_view::View>,
+    mut muster: Option<&mut Muster>,
 ) -> anyhow::Result<Attempt> {
-    let (started, domain) = (Instant::now(), participant.domain());
-    let contract = Arc::new(connect(plan)?);
+    let started = Instant::now();
+    let mut contract = connect(plan)?;
+    if muster.is_some() {
+        contract.patience_s = PATIENCE_OVER_HOSTS_S;
+    }
+    let contract = Arc::new(contract);
     let work = tempfile::tempdir().context("cannot make a temporary folder")?;
     let digests = work.path().join("digests");
     std::fs::create_dir(&digests)?;
@@ -99,8 +110,14 @@ pub(crate) fn attempt(
     let mut crew = if args.composed {
         Crew::threads(&seat, plan)?
     } else {
-        Crew::processes(work.path(), plan, &contract, &domain, digest_dir.as_deref(), record_to)?
+        let elsewhere = |node: &str| muster.as_ref().is_some_and(|muster| muster.has(node));
+        let here = |node: &str| !elsewhere(node);
+        Crew::processes(work.path(), plan, here, &contract, &domain, digest_dir.as_deref(), record_to)?
     };
+
+    if let Some(muster) = &mut muster {
+        muster.go(plan, &contract, args.digest.is_some())?;
+    }
 
     let end_tick = ticks(plan.run.duration_s, contract.timing.tick_ns);
     let mut clock = LoopClock::new(contract.as_ref().clone(), pace.speed, end_tick, START_UP_LIMIT);
@@ -110,7 +127,9 @@ pub(crate) fn attempt(
         clock.step(1);
     }
     let clock_digest = Digest::new(digest_dir.as_deref(), &CLOCK.name_in(""), &contract.shared_topics);
-    let mut clock = ClockRunner::open(participant, &contract, hub.as_ref(), clock, clock_digest)?;
+    let participant = Participant::secluded(&domain, &NodeName::new("/", NAME)?)?;
+    let mut clock = ClockRunner::open(&participant, &contract, hub.as_ref(), clock, clock_digest)?;
+    participant.meet_others();
     let (followed, is_recorded) = (Arc::clone(&progress), record_to.is_some());
     clock.refuse_reset_for(move || reset_refusal(&followed, is_recorded));
     if let Some(socket) = record_to {
@@ -134,12 +153,14 @@ pub(crate) fn attempt(
         if recording.as_ref().is_some_and(Recording::has_failed) {
             return Err("the recorder has stopped".to_owned());
         }
-        crew.check()
+        crew.check()?;
+        muster.as_mut().map_or(Ok(()), |muster| muster.check())
     });
     let ended = Instant::now();
     left_early.store(result.is_err(), Ordering::Relaxed);
     let leave = if result.is_ok() { Leave::InOrder } else { Leave::AtOnce };
     let left = crew.finish(leave, |line| view.line(line));
+    let left = left.and(muster.map_or(Ok(()), |muster| muster.collect(&digests, leave)));
     let monitored = monitor.join();
     view.close();
     let tick = clock.tick();

@@ -59,10 +59,12 @@ impl Crew {
         Ok(Self::Threads(threads))
     }
 
-    /// Starts every node of the plan as a process of this executable. Files for them go to `work`.
+    /// Starts the nodes of the plan that are `here`, by their full names, as processes of this executable. Files for them
+    /// go to `work`.
     pub(crate) fn processes(
         work: &Path,
         plan: &RunPlan,
+        here: impl Fn(&str) -> bool,
         contract: &LoopContract,
         domain: &Domain,
         digest_dir: Option<&Path>,
@@ -75,7 +77,7 @@ impl Crew {
         let executable = std::env::current_exe().context("cannot find this executable")?;
         let (sender, lines) = channel();
         let mut children = Vec::new();
-        for (entry, planned) in placed(plan) {
+        for (entry, planned) in placed(plan).filter(|(_, planned)| here(&name_of(planned))) {
             let mut command = Command::new(&executable);
             command.args(["node", entry.name, "--namespace", &planned.namespace]);
             command.arg("--config").arg(&plan_file).arg("--loop").arg(&contract_file);
@@ -184,7 +186,7 @@ impl Crew {
         if failed.is_empty() { Ok(()) } else { bail!(failed.join("; ")) }
     }
 
-    fn all_gone(&mut self) -> bool {
+    pub(crate) fn all_gone(&mut self) -> bool {
         match self {
             Self::Threads(threads) => {
                 threads.iter().all(|(_, thread)| thread.as_ref().is_none_or(JoinHandle::is_finished))
@@ -232,6 +234,8 @@ fn export(domain: &Domain, command: &mut Command) {
     command.env("ROS_DOMAIN_ID", domain.id.to_string());
     command.env("ROS_AUTOMATIC_DISCOVERY_RANGE", range);
     command.env_remove("ROS_LOCALHOST_ONLY");
+    let peers: Vec<String> = domain.peers.hosts().iter().map(ToString::to_string).collect();
+    command.env("ROS_STATIC_PEERS", peers.join(";"));
 }
 
 /// A Ctrl-C in the terminal goes to `feeder up` alone, which ends the run in order.

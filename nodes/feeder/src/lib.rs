@@ -5,12 +5,15 @@ mod bag;
 mod calibrate;
 mod crew;
 mod graph_check;
+mod join;
 pub mod lesson;
 mod live;
 mod look;
+mod muster;
 pub mod part;
 mod pictures;
 pub mod recording;
+mod restart;
 pub mod scenario_file;
 pub mod summary;
 mod table;
@@ -24,6 +27,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory as _, Parser, Subcommand};
 
 pub use table::parameters_of;
+pub use teach::fuzz_labels;
 
 /// A miniature mobile parts feeder. Without a subcommand the built-in scenario runs.
 #[derive(Debug, Parser)]
@@ -36,6 +40,7 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Up(up::UpArgs),
+    Join(join::JoinArgs),
     View(live::ViewArgs),
     Top(live::TopArgs),
     Check(scenario_file::CheckArgs),
@@ -61,6 +66,9 @@ struct NodeArgs {
     /// Name of the node
     #[arg(value_parser = clap::builder::PossibleValuesParser::new(table::NODES.iter().map(|entry| entry.name)))]
     name: String,
+    /// Start it again when something has ended it, as where it ran out of memory
+    #[arg(long)]
+    restart: bool,
     /// Options of the node; `feeder node NAME -- --help` lists them
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     options: Vec<OsString>,
@@ -81,8 +89,13 @@ pub fn main() -> ExitCode {
     }
     let outcome = match command {
         Command::Up(args) => {
+            feeder_runtime::memory::bound_memory();
             feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
             up::run(&args)
+        }
+        Command::Join(args) => {
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
+            join::run(&args)
         }
         Command::View(args) => {
             feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
@@ -114,6 +127,13 @@ pub fn main() -> ExitCode {
 }
 
 fn node(args: NodeArgs) -> ExitCode {
+    if args.restart {
+        feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
+        return restart::run(&args.name, &args.options).unwrap_or_else(|error| {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        });
+    }
     match table::NODES.iter().find(|entry| entry.name == args.name) {
         Some(entry) => (entry.main)(args.options),
         None => ExitCode::FAILURE,

@@ -21,6 +21,13 @@ pub struct Summary {
     delivered: u32,
     /// Parts picked that lay in another pose than they were presented in.
     wrong_pose_delivered: u32,
+    /// Parts picked that lay turned by more than 5° from how they were presented, and the largest such angle, rad; null: no
+    /// part that has a yaw was picked.
+    wrong_yaw_delivered: u32,
+    max_yaw_error_rad: Option<f64>,
+    /// Parts presented with less room about them than the gripper needs, and by how much it fell short at most, m.
+    chosen_without_room: u32,
+    room_short_m_max: f64,
     /// Parts picked whose slip could not be followed.
     slips_unknown: u32,
     /// Largest displacement in the tray frame of a delivered part between settled and picked, m; null: not known.
@@ -246,6 +253,10 @@ impl Summary {
             selected: progress.selected(),
             delivered,
             wrong_pose_delivered: progress.sum(|feeder| feeder.wrong_pose_delivered),
+            wrong_yaw_delivered: progress.sum(|feeder| feeder.wrong_yaw_delivered),
+            max_yaw_error_rad: progress.max_yaw_error_rad(),
+            chosen_without_room: progress.sum(|feeder| feeder.chosen_without_room),
+            room_short_m_max: progress.room_short_m_max(),
             slips_unknown: progress.sum(|feeder| feeder.slips_unknown),
             max_slip_m: progress.max_slip_m(),
             delivered_per_minute: rate(60.0 * f64::from(delivered), sim_s),
@@ -286,10 +297,23 @@ impl fmt::Display for Summary {
         row("distinct parts called right", self.selected.to_string())?;
         row("parts delivered", self.delivered.to_string())?;
         row("  of these in a wrong pose", self.wrong_pose_delivered.to_string())?;
+        if let Some(error_rad) = self.max_yaw_error_rad {
+            row("  turned wrongly", self.wrong_yaw_delivered.to_string())?;
+            row("  largest error of yaw", format!("{:.1} deg", error_rad.to_degrees()))?;
+        }
+        row("presented without room", self.chosen_without_room.to_string())?;
+        if self.chosen_without_room > 0 {
+            row("  short by at most", format!("{:.2} mm", 1e3 * self.room_short_m_max))?;
+        }
         let slip = self.max_slip_m.map_or("not known".to_owned(), |slip_m| format!("{:.1} µm", slip_m * 1e6));
         row("largest slip of a delivered part", slip)?;
         if self.slips_unknown > 0 {
             row("  parts whose slip is not known", self.slips_unknown.to_string())?;
+        }
+        for (what, count) in [("parts lost", self.parts_lost), ("parts doubled", self.parts_doubled)] {
+            if count > 0 {
+                row(what, count.to_string())?;
+            }
         }
         row("parts delivered a minute", format!("{:.1}", self.delivered_per_minute))?;
         for (_, name) in Activity::OF_A_DELIVERY {

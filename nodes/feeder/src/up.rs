@@ -16,7 +16,8 @@ use feeder_view::{Place, Settings, Source};
 use feeder_wire::topics::CLOCK;
 use run_monitor::{Progress, RunMonitor};
 
-use crate::attempt::{Again, Attempt, Pace, attempt};
+use crate::attempt::{Again, Attempt, NAME, Pace, attempt};
+use crate::muster::Muster;
 use crate::recording::RecordOptions;
 use crate::summary::Summary;
 use crate::table::{name_of, placed};
@@ -50,6 +51,10 @@ pub struct UpArgs {
     /// All nodes in this process instead of one process each
     #[arg(long)]
     pub composed: bool,
+    /// Leave these nodes to other hosts, and wait until they are offered there by `feeder join`: kinds, namespaces or full
+    /// names
+    #[arg(long, value_name = "NODE", value_delimiter = ',', conflicts_with_all = ["composed", "record"])]
+    pub except: Vec<String>,
     /// Write the summary to this file (JSON)
     #[arg(long, value_name = "FILE")]
     pub summary: Option<PathBuf>,
@@ -141,15 +146,18 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow:
     for file in [&args.summary, &args.digest].into_iter().flatten() {
         refuse_lost(file)?;
     }
-    let domain = domain(args)?;
-    let mut participant = Participant::open(&domain, &NodeName::new("/", "feeder_up")?)?;
-    refuse_busy_domain(&participant, &domain, plan, stop)?;
+    let domain = domain(args.domain)?;
+    refuse_busy_domain(&domain, plan, stop)?;
     let on_screen = !args.plain && feeder_top::is_possible();
     let shown = (on_screen || args.view.is_some()).then(|| show(plan, args, domain)).transpose()?;
+    let mut muster = (!args.except.is_empty()).then(|| Muster::call(&domain, plan, &args.except)).transpose()?;
+    if let Some(muster) = &mut muster {
+        muster.wait(stop)?;
+    }
     let mut pace = Pace::of(args);
     let mut starts = 1;
     loop {
-        let Attempt { ended, again } = attempt(plan, args, pace, stop, &participant, shown.as_ref())?;
+        let Attempt { ended, again } = attempt(plan, args, pace, stop, domain, shown.as_ref(), muster.as_mut())?;
         match again {
             Some(Again::NotUp(why)) if starts < STARTS_MAX && can_start_again(args) => {
                 starts += 1;
@@ -161,8 +169,6 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow:
             }
             _ => return Ok(ended),
         }
-        // What locked up may be its own participant.
-        participant = Participant::open(&domain, participant.node())?;
     }
 }
 
@@ -226,9 +232,9 @@ fn show(plan: &RunPlan, args: &UpArgs, domain: Domain) -> anyhow::Result<feeder_
 
 /// The domain of `--domain` or the environment. The range is ROS 2's default, SUBNET, unless the environment says
 /// otherwise: a Cyclone DDS with default settings does not find participants that are on the loopback interface alone.
-fn domain(args: &UpArgs) -> anyhow::Result<Domain> {
+pub(crate) fn domain(id: Option<u16>) -> anyhow::Result<Domain> {
     let mut domain = Domain::from_env()?;
-    if let Some(id) = args.domain {
+    if let Some(id) = id {
         domain.id = id;
     }
     if domain.range == DiscoveryRange::Off {
@@ -240,12 +246,8 @@ fn domain(args: &UpArgs) -> anyhow::Result<Domain> {
 }
 
 /// Two runs in one domain would drive each other.
-fn refuse_busy_domain(
-    participant: &Participant,
-    domain: &Domain,
-    plan: &RunPlan,
-    stop: &AtomicBool,
-) -> anyhow::Result<()> {
+fn refuse_busy_domain(domain: &Domain, plan: &RunPlan, stop: &AtomicBool) -> anyhow::Result<()> {
+    let participant = Participant::open(domain, &NodeName::new("/", NAME)?)?;
     let clock = CLOCK.name_in("");
     let ours: Vec<String> = plan.nodes.iter().map(|planned| format!("{}/", planned.namespace)).collect();
     let since = Instant::now();

@@ -22,6 +22,8 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
+pub use analysis::fuzz_recording;
+
 /// Studies of the feeder: design, figures, experiments, scores.
 #[derive(Debug, Parser)]
 #[command(name = "feeder-lab", version)]

@@ -4,6 +4,7 @@
 //! Where a scenario names several feeders for a station, it asks them in turn.
 
 use std::collections::VecDeque;
+use std::f64::consts::PI;
 use std::time::Duration;
 
 use feeder_control::manipulator::{Action, Event, Manipulator, ManipulatorConfig, Presented};
@@ -185,7 +186,7 @@ impl OverheadManipulator {
                     ClientEvent::Feedback(id, feedback) => {
                         if let Some(goal) = self.goals.iter_mut().find(|goal| goal.id == id)
                             && goal.delivery_id.is_none()
-                            && let Some(part) = presented(feedback)
+                            && let Some(part) = presented(feedback, self.config.jaws_yaw_rad)
                         {
                             goal.delivery_id = Some(part.delivery_id.clone());
                             events.push(Event::Presented(part));
@@ -346,12 +347,15 @@ impl OverheadManipulator {
     }
 }
 
-/// The part that feedback tells of, once it is presented.
-fn presented(feedback: DeliverPartFeedback) -> Option<Presented> {
+/// The part that feedback tells of, once it is presented; its yaw is that of the direction across which jaws close, which is
+/// `jaws_yaw_rad` in the part's own frame.
+fn presented(feedback: DeliverPartFeedback, jaws_yaw_rad: f64) -> Option<Presented> {
     match deliver_part::from_feedback(feedback) {
         Ok(DeliveryProgress { phase: Phase::Presented, delivery_id, part: Some(part), .. }) => {
             let PresentedPart { pose_in_station: UprightPose { x_m, y_m, yaw_rad, .. }, .. } = part;
-            Some(Presented { delivery_id, x_m, y_m, yaw_rad })
+            let yaw_rad = yaw_rad + jaws_yaw_rad;
+            // Jaws are alike: half a turn makes no difference to them.
+            Some(Presented { delivery_id, x_m, y_m, yaw_rad: yaw_rad - PI * (yaw_rad / PI).round() })
         }
         Ok(_) => None,
         Err(error) => {

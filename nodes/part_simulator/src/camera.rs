@@ -65,7 +65,8 @@ impl Schedule {
 /// The camera.
 pub(crate) struct Camera {
     renderer: Renderer,
-    model: CameraModel,
+    /// As everybody is told.
+    calibrated: CameraModel,
     tray: feeder_model::tray::TrayGeometry,
     schedule: Schedule,
     quality: u8,
@@ -80,7 +81,7 @@ impl Camera {
     pub(crate) fn open(config: &PartSimulatorConfig, part: &PartType) -> Result<Self, NodeError> {
         Ok(Self {
             renderer: Renderer::new(&config.camera.scene(config.tray, part)).map_err(NodeError::new)?,
-            model: config.camera.model.clone(),
+            calibrated: config.camera.calibrated.clone(),
             tray: config.tray.geometry,
             schedule: Schedule::new(config.camera.period_ms * 1_000_000),
             quality: config.camera.jpeg_quality,
@@ -103,7 +104,7 @@ impl Camera {
     ) -> Result<(), NodeError> {
         if io.is_activated() {
             io.publish(&ports.tf_static, &self.mounting());
-            let urdf = robot_description::camera(&self.feeder, &self.model.platen_from_camera());
+            let urdf = robot_description::camera(&self.feeder, &self.calibrated.platen_from_camera());
             io.publish(&ports.description, &urdf);
         }
         if !self.schedule.is_due(stamp_ns) {
@@ -117,7 +118,7 @@ impl Camera {
         let data =
             codec::encode(&self.image, self.quality, MESSAGE_BYTES_MAX - OVERHEAD_BYTES).map_err(NodeError::new)?;
         io.publish(&ports.compressed, &pictures::to_compressed(header(), data));
-        io.publish(&ports.info, &pictures::to_camera_info(header(), &self.model));
+        io.publish(&ports.info, &pictures::to_camera_info(header(), &self.calibrated));
         if io.wanted(&ports.raw) {
             let (size_px, data) = (self.image.dimensions(), self.image.as_raw().clone());
             io.publish(&ports.raw, &pictures::to_image(header(), Encoding::Grey, size_px, data));
@@ -127,7 +128,7 @@ impl Camera {
 
     /// Where the camera hangs, as calibrated.
     fn mounting(&self) -> TFMessage {
-        frames::to_message(stamp_of_ns(0), frames::PLATEN, &self.frame, &self.model.platen_from_camera())
+        frames::to_message(stamp_of_ns(0), frames::PLATEN, &self.frame, &self.calibrated.platen_from_camera())
     }
 }
 

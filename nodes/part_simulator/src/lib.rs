@@ -10,21 +10,20 @@ mod markers;
 
 use std::time::Duration;
 
-use feeder_model::part::PartType;
 use feeder_model::seed::seed_for;
 use feeder_runtime::node::{
     Declare, FeederNode, NodeError, Publisher, Server, Start, StepIo, Subscriber, ns_of_stamp, stamp_of_ns,
 };
 use feeder_scenario::plan::{NodeConfig, PartSimulatorConfig};
 use feeder_sim::camera::TrayShot;
-use feeder_sim::parts::{Part, PartBulk, PickedPart};
+use feeder_sim::parts::{OpenGripper, Part, PartBulk, PickedPart};
 use feeder_wire::parts::{self, TruePart, TrueParts};
 use feeder_wire::pick::{self, GripRequest, Gripped, GripperClosed, TakenPart};
 use feeder_wire::{frames, nodes, services, topics};
 use minifactory_msgs::msg::{PartStates, PickEvent, TrayMotion};
 use minifactory_msgs::srv::{LoadParts, LoadPartsResponse, Pick};
 use minifactory_msgs::std_msgs::msg::Header;
-use nalgebra::{Isometry2, Point2, Vector2};
+use nalgebra::{Isometry2, Vector2};
 
 use camera::Camera;
 use entities::{Entities, World};
@@ -94,7 +93,7 @@ impl FeederNode for PartSimulator {
 
     fn open(ports: Ports, config: &PartSimulatorConfig) -> Result<Self, NodeError> {
         let seed = seed_for(config.seed, Self::NAME);
-        let part = PartType::new(&config.part).map_err(NodeError::new)?;
+        let part = config.part_type().map_err(NodeError::new)?;
         let camera = Camera::open(config, &part)?;
         let drawing = Drawing::new(config, &part);
         for hazard in part.hazards() {
@@ -204,7 +203,7 @@ impl PartSimulator {
         LoadPartsResponse { loaded: u32::try_from(outcome.loaded).unwrap_or(u32::MAX), message }
     }
 
-    /// Closes a gripper: the part whose centre is nearest to the tool axis, within half the opening less half the part.
+    /// Closes a gripper, and tells of it.
     fn pick(&mut self, io: &mut StepIo, grip: GripRequest) -> Gripped {
         let picked = self.reach(&grip);
         let taken = picked
@@ -220,16 +219,20 @@ impl PartSimulator {
     fn reach(&mut self, grip: &GripRequest) -> Result<PickedPart, String> {
         let tool = &grip.tool_in_platen;
         let height_m = tool.z_m - self.plateau_height_m;
-        let reach_m = 0.5 * (grip.opening_m - self.bulk.part_type().width_min_m());
         if !(tool.x_m.is_finite() && tool.y_m.is_finite() && height_m.abs() <= GRIP_HEIGHT_M) {
             return Err(format!("the tool is {height_m} m above the plateau, allowed is {GRIP_HEIGHT_M} m either way"));
         }
-        if reach_m.is_nan() || reach_m <= 0.0 {
-            return Err(format!("an opening of {} m is narrower than the part", grip.opening_m));
+        let width_m = self.bulk.part_type().width_min_m();
+        if grip.opening_m.is_nan() || grip.opening_m <= width_m {
+            return Err(format!(
+                "the opening is {} m, allowed is more than the part's least width, {width_m} m",
+                grip.opening_m
+            ));
         }
-        let at = self.tray.platen_from_tray.inverse_transform_point(&Point2::new(tool.x_m, tool.y_m));
-        let nothing = || "nothing lies between the gripper's fingers".to_owned();
-        self.bulk.pick(at.x, at.y, reach_m).ok_or_else(nothing)
+        let in_tray = self.tray.platen_from_tray.inverse() * Isometry2::new([tool.x_m, tool.y_m].into(), tool.yaw_rad);
+        let (at, yaw_rad) = (in_tray.translation, in_tray.rotation.angle());
+        let gripper = OpenGripper { x_m: at.x, y_m: at.y, yaw_rad, opening_m: grip.opening_m };
+        self.bulk.pick(&gripper).map_err(|missed| missed.to_string())
     }
 
     fn part_states(&self) -> PartStates {

@@ -4,6 +4,7 @@
 mod feed;
 mod feeder;
 mod platen;
+mod presented;
 mod progress;
 mod score;
 mod trips;
@@ -21,6 +22,7 @@ use feeder_wire::nodes;
 pub use feed::Feed;
 use feeder::FeederMonitor;
 use platen::PlatenMonitor;
+pub use presented::YAW_ERROR_MAX_RAD;
 pub use progress::{Activity, FeederProgress, Progress};
 pub use trips::{Oracle, Trips};
 pub use whereabouts::OdometryScore;

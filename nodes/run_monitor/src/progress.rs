@@ -60,6 +60,14 @@ pub struct FeederProgress {
     pub delivered: u32,
     /// Parts picked in another pose than they were presented in.
     pub wrong_pose_delivered: u32,
+    /// Parts picked that lay turned otherwise than presented, by more than [`YAW_ERROR_MAX_RAD`](crate::YAW_ERROR_MAX_RAD).
+    pub wrong_yaw_delivered: u32,
+    /// Largest yaw of a delivered part from the one it was presented with, rad; nothing while no part with a yaw was.
+    pub max_yaw_error_rad: Option<f64>,
+    /// Parts presented that had less room about them than the gripper of their station needs.
+    pub chosen_without_room: u32,
+    /// By how much the room about such a part fell short, m: the largest.
+    pub room_short_m_max: f64,
     /// Largest displacement in the tray frame of a delivered part between settled and picked, m; nothing while none was
     /// followed.
     pub max_slip_m: Option<f64>,
@@ -139,6 +147,18 @@ impl Progress {
     #[must_use]
     pub fn odometry(&self) -> OdometryScore {
         self.feeders.iter().fold(OdometryScore::default(), |score, feeder| score.with(&feeder.odometry))
+    }
+
+    /// Largest yaw error of a delivered part, rad; nothing while no part with a yaw was delivered.
+    #[must_use]
+    pub fn max_yaw_error_rad(&self) -> Option<f64> {
+        self.feeders.iter().filter_map(|feeder| feeder.max_yaw_error_rad).reduce(f64::max)
+    }
+
+    /// By how much the room about a part that was presented fell short, m: the largest.
+    #[must_use]
+    pub fn room_short_m_max(&self) -> f64 {
+        self.feeders.iter().map(|feeder| feeder.room_short_m_max).fold(0.0, f64::max)
     }
 
     /// Largest slip of a delivered part, m; nothing while none was followed.

@@ -7,12 +7,13 @@ use std::time::Duration;
 use feeder_model::delivery::Phase;
 use feeder_model::part::PartType;
 use feeder_scenario::plan::RunMonitorConfig;
-use feeder_wire::delivery_state::PlannerStand;
+use feeder_wire::delivery_state::{ChosenPart, PlannerStand};
 use feeder_wire::part_candidates::SeenPart;
 use feeder_wire::parts::TrueParts;
 use feeder_wire::pick::TakenPart;
 
 use crate::feed::FeedScore;
+use crate::presented::{PresentedScore, YAW_ERROR_MAX_RAD};
 use crate::progress::{Activity, FeederProgress};
 use crate::truth::Truth;
 
@@ -25,6 +26,7 @@ pub(crate) struct FeederScore {
     pose_names: Vec<String>,
     wanted_pose_names: Vec<String>,
     part_radius_m: f64,
+    presented: PresentedScore,
     truth: Truth,
     feed: FeedScore,
     /// When the next figures on how well the feeder feeds are due, ns.
@@ -34,10 +36,10 @@ pub(crate) struct FeederScore {
     picked: BTreeSet<u32>,
     /// Since when the planner has done what it does, ns.
     active_since_ns: u64,
-    /// The delivery whose part was presented last.
-    presented: Option<String>,
-    /// The pose in which the part presented last was said to lie.
-    promised_pose: Option<String>,
+    /// The part presented last, as the planner told of it.
+    promised: Option<ChosenPart>,
+    /// The delivery in which it was.
+    promised_to: Option<String>,
     pub(crate) progress: FeederProgress,
 }
 
@@ -47,14 +49,15 @@ impl FeederScore {
             pose_names: part.poses.iter().map(|pose| pose.name.clone()).collect(),
             wanted_pose_names: part.wanted_pose_names().map(str::to_owned).collect(),
             part_radius_m: part.outline_radius_m(),
+            presented: PresentedScore::new(part, config.grippers.clone()),
             truth: Truth::default(),
             feed: FeedScore::new(config.tray, part, config.part_gap_m_min),
             metrics_ns: METRICS_NS,
             present: BTreeSet::new(),
             picked: BTreeSet::new(),
             active_since_ns: 0,
-            presented: None,
-            promised_pose: None,
+            promised: None,
+            promised_to: None,
             progress: FeederProgress { name: feeder.to_owned(), ..FeederProgress::default() },
         }
     }
@@ -93,16 +96,9 @@ impl FeederScore {
 
     /// The planner stands there.
     pub(crate) fn hear_planner(&mut self, stamp_ns: u64, stand: &PlannerStand) {
-        if let Some(chosen) = &stand.chosen {
-            self.truth.settle(u64::try_from(chosen.look.as_nanos()).unwrap_or(u64::MAX));
-            self.promised_pose.clone_from(&chosen.pose_class);
-        }
+        let begins = stand.chosen.as_ref().is_some_and(|chosen| self.hear_chosen(stand, chosen));
         let spent_s = Duration::from_nanos(stamp_ns.saturating_sub(self.active_since_ns)).as_secs_f64();
         *self.progress.spent_s.entry(self.progress.activity).or_insert(0.0) += spent_s;
-        let begins = stand.phase == Phase::Presented && stand.delivery_id != self.presented;
-        if begins {
-            self.presented.clone_from(&stand.delivery_id);
-        }
         self.progress.trips.pass(self.progress.activity, spent_s, begins);
         let ended = stand.delivered + stand.failed_by_outcome.iter().sum::<u32>();
         let open = stand.accepted.saturating_sub(ended);
@@ -114,13 +110,30 @@ impl FeederScore {
         self.progress.failed_by_outcome = stand.failed_by_outcome.to_vec();
     }
 
+    /// The planner presents this part; it may tell so several times. Says whether it is the first time.
+    fn hear_chosen(&mut self, stand: &PlannerStand, chosen: &ChosenPart) -> bool {
+        let look_ns = u64::try_from(chosen.look.as_nanos()).unwrap_or(u64::MAX);
+        self.truth.settle(look_ns);
+        let is_new = self.promised_to != stand.delivery_id;
+        self.promised_to.clone_from(&stand.delivery_id);
+        self.promised = Some(chosen.clone());
+        let part = self.truth.part_at(look_ns, &chosen.position_in_tray_m, self.part_radius_m);
+        if let (true, Some((id, _)), Some(station), Some(lays)) = (is_new, part, &stand.station, self.truth.at(look_ns))
+            && let Some(short_m) = self.presented.room_short_m(station, id, lays)
+        {
+            self.progress.chosen_without_room += 1;
+            self.progress.room_short_m_max = self.progress.room_short_m_max.max(short_m);
+        }
+        is_new
+    }
+
     /// Finds out which parts the selector meant, by where they were when the picture was taken.
     pub(crate) fn hear_selector(&mut self, stamp_ns: u64, seen: &[SeenPart]) {
         for seen in seen.iter().filter(|part| !part.refusals.off_plateau) {
             let part = self.truth.part_at(stamp_ns, &seen.position_in_tray_m, self.part_radius_m);
             let is_wanted = seen.pose_class.as_ref().is_some_and(|pose| self.wanted_pose_names.contains(pose));
             let called_right = seen.refusals.may_be_picked() && is_wanted;
-            if called_right && self.truth.knows(stamp_ns) {
+            if called_right && self.truth.at(stamp_ns).is_some() {
                 self.feed.selected(part);
             }
             let Some((id, _)) = part else { continue };
@@ -135,7 +148,17 @@ impl FeederScore {
     pub(crate) fn score_pick(&mut self, part: &TakenPart) {
         let lay = self.pose_names.get(usize::from(part.resting_pose));
         self.progress.delivered += 1;
-        self.progress.wrong_pose_delivered += u32::from(lay != self.promised_pose.as_ref());
+        let promised = self.promised.as_ref();
+        let is_right = lay == promised.and_then(|promised| promised.pose_class.as_ref());
+        self.progress.wrong_pose_delivered += u32::from(!is_right);
+        // A part in another pose than it was said to lie in has no yaw to compare.
+        let compared = self.truth.last(part.id).zip(promised).filter(|_| is_right);
+        let error_rad = compared.and_then(|(lay, said)| self.presented.yaw_error_rad(lay, said.yaw_in_tray_rad));
+        if let Some(error_rad) = error_rad {
+            self.progress.wrong_yaw_delivered += u32::from(error_rad > YAW_ERROR_MAX_RAD);
+            let most_rad = self.progress.max_yaw_error_rad.unwrap_or(0.0);
+            self.progress.max_yaw_error_rad = Some(most_rad.max(error_rad));
+        }
         match self.truth.slip_m(part.id) {
             Some(slip_m) => {
                 self.progress.max_slip_m = Some(self.progress.max_slip_m.map_or(slip_m, |most| most.max(slip_m)));
@@ -167,7 +190,6 @@ mod tests {
     use feeder_model::tray::Place;
     use feeder_scenario::Scenario;
     use feeder_scenario::plan::NodeConfig as _;
-    use feeder_wire::delivery_state::ChosenPart;
     use feeder_wire::parts::TruePart;
     use nalgebra::Vector2;
 
@@ -276,6 +298,68 @@ mod tests {
             assert_eq!(score.progress.wrong_pose_delivered, wrong, "{promised} {lay}");
         }
         assert_eq!(score.progress.delivered, 4);
+    }
+
+    /// Blocks: they have a yaw, and their neighbours may lie closer than circles round them.
+    fn score_of_blocks() -> FeederScore {
+        let part = feeder_scenario::PartSource::Name("block".to_owned()).part_type().unwrap();
+        FeederScore::new("feeder", &config(), &part)
+    }
+
+    #[test]
+    fn a_part_delivered_with_another_yaw_than_it_was_presented_with_is_turned_wrongly() {
+        let mut score = score_of_blocks();
+        let turned = |id, degrees: f64| TruePart { yaw_rad: degrees.to_radians(), ..lying(id, 0.07, 0) };
+        let stand = presented(&score, 0, 10);
+        for (id, degrees, wrong, largest) in
+            [(1, 4.0, 0, 4.0), (2, 176.0, 0, 4.0), (3, 186.0, 1, 6.0), (4, 90.0, 2, 90.0)]
+        {
+            score.learn(10 * u64::from(id), &truth(&[turned(id, degrees)]));
+            score.hear_planner(10 * u64::from(id), &stand);
+            score.note_taken(&TakenPart { id, resting_pose: 0 });
+            score.score_pick(&TakenPart { id, resting_pose: 0 });
+            assert_eq!(score.progress.wrong_yaw_delivered, wrong, "{degrees} deg");
+            let error_rad = score.progress.max_yaw_error_rad.unwrap();
+            assert!((error_rad.to_degrees() - largest).abs() < 1e-9, "{degrees} deg: {error_rad}");
+        }
+        // In another pose a yaw means nothing, and of a part that is round nothing is to be said.
+        let mut other = score_of_blocks();
+        other.learn(10, &truth(&[TruePart { resting_pose: 1, ..turned(1, 90.0) }]));
+        other.hear_planner(10, &stand);
+        other.score_pick(&TakenPart { id: 1, resting_pose: 1 });
+        assert_eq!((other.progress.wrong_pose_delivered, other.progress.max_yaw_error_rad), (1, None));
+        let mut round = self::score();
+        round.learn(10, &truth(&[turned(1, 90.0)]));
+        round.hear_planner(10, &presented(&round, 0, 10));
+        round.score_pick(&TakenPart { id: 1, resting_pose: 0 });
+        assert_eq!(round.progress.max_yaw_error_rad, None);
+    }
+
+    #[test]
+    fn a_part_that_is_presented_without_room_for_the_gripper_is_counted_once_a_delivery() {
+        let mut score = score();
+        // Grommets of 5 mm, and a gripper that needs 1 mm beside them.
+        score.learn(10, &truth(&[lying(1, 0.070, 0), lying(2, 0.0759, 0)]));
+        score.learn(20, &truth(&[lying(1, 0.070, 0), lying(2, 0.0761, 0)]));
+        let offered = |look_ns, delivery: &str, station: &str| {
+            let mut stand = presented(&score, 0, look_ns);
+            stand.chosen.as_mut().unwrap().position_in_tray_m = lying(1, 0.0701, 0).position_in_tray_m();
+            PlannerStand { delivery_id: Some(delivery.to_owned()), station: Some(station.to_owned()), ..stand }
+        };
+        let stands = [
+            (offered(20, "d1", "station_1"), 0),
+            (offered(10, "d2", "station_1"), 1),
+            (offered(10, "d2", "station_1"), 1),
+            // Nobody knows what an agent's own gripper needs.
+            (offered(10, "d3", "station_2"), 1),
+            (offered(10, "d4", "station_1"), 2),
+        ];
+        for (stand, without_room) in stands {
+            score.hear_planner(30, &stand);
+            assert_eq!(score.progress.chosen_without_room, without_room, "{stand:?}");
+        }
+        let short_m = score.progress.room_short_m_max;
+        assert!((short_m - 0.1e-3).abs() < 0.02e-3, "{short_m}");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use feeder_model::tray::Place;
 use feeder_wire::parts::TruePart;
 use nalgebra::Vector2;
 
@@ -9,14 +10,27 @@ use nalgebra::Vector2;
 /// so this must be longer than the longest trip.
 const MEMORY: usize = 4000;
 
-/// Place in the tray frame, m, and resting pose by part.
-type Places = BTreeMap<u32, (Vector2<f64>, u8)>;
+/// How a part lay.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Lay {
+    /// Its centre in the tray frame, m.
+    pub(crate) place_m: Vector2<f64>,
+    /// How it was turned in the tray frame, rad.
+    pub(crate) yaw_rad: f64,
+    /// Its resting pose.
+    pub(crate) pose: u8,
+    /// If it lay on the plateau.
+    pub(crate) on_plateau: bool,
+}
+
+/// How the parts lay.
+pub(crate) type Lays = BTreeMap<u32, Lay>;
 
 /// Where the parts have been.
 #[derive(Debug, Default)]
 pub(crate) struct Truth {
-    /// Stamp (ns) and places of the last moments, oldest first.
-    recent: VecDeque<(u64, Places)>,
+    /// Stamp (ns) and parts of the last moments, oldest first.
+    recent: VecDeque<(u64, Lays)>,
     settled: Option<Settled>,
 }
 
@@ -24,7 +38,7 @@ pub(crate) struct Truth {
 #[derive(Debug)]
 struct Settled {
     look_ns: u64,
-    places: Places,
+    lays: Lays,
     /// Largest displacement of each part since, m.
     slips_m: BTreeMap<u32, f64>,
 }
@@ -32,26 +46,33 @@ struct Settled {
 impl Truth {
     /// The parts were there at `stamp_ns`.
     pub(crate) fn learn(&mut self, stamp_ns: u64, parts: &[TruePart]) {
-        let place = |part: &TruePart| (part.id, (part.position_in_tray_m(), part.resting_pose));
-        let places: Places = parts.iter().map(place).collect();
+        let lay = |part: &TruePart| {
+            let (place_m, yaw_rad, pose) = (part.position_in_tray_m(), part.yaw_rad, part.resting_pose);
+            (part.id, Lay { place_m, yaw_rad, pose, on_plateau: part.place == Place::Plateau })
+        };
+        let lays: Lays = parts.iter().map(lay).collect();
         if let Some(settled) = &mut self.settled {
-            settled.follow(&places);
+            settled.follow(&lays);
         }
-        self.recent.push_back((stamp_ns, places));
+        self.recent.push_back((stamp_ns, lays));
         if self.recent.len() > MEMORY {
             self.recent.pop_front();
         }
     }
 
-    /// Whether the parts' places at `stamp_ns` are remembered.
-    pub(crate) fn knows(&self, stamp_ns: u64) -> bool {
-        self.recent.iter().any(|(ns, _)| *ns == stamp_ns)
+    /// How the parts lay at `stamp_ns`, if that is remembered.
+    pub(crate) fn at(&self, stamp_ns: u64) -> Option<&Lays> {
+        self.recent.iter().rev().find(|(ns, _)| *ns == stamp_ns).map(|(_, lays)| lays)
+    }
+
+    /// How a part lay last, if that is remembered.
+    pub(crate) fn last(&self, id: u32) -> Option<&Lay> {
+        self.recent.iter().rev().find_map(|(_, lays)| lays.get(&id))
     }
 
     /// The part whose centre was nearest to `point` at `stamp_ns`, if within `reach_m`, and the pose it lay in.
     pub(crate) fn part_at(&self, stamp_ns: u64, point: &Vector2<f64>, reach_m: f64) -> Option<(u32, u8)> {
-        let (_, places) = self.recent.iter().rev().find(|(ns, _)| *ns == stamp_ns)?;
-        let distances = places.iter().map(|(id, (place, pose))| ((*id, *pose), (place - point).norm()));
+        let distances = self.at(stamp_ns)?.iter().map(|(id, lay)| ((*id, lay.pose), (lay.place_m - point).norm()));
         let (part, distance_m) = distances.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
         (distance_m <= reach_m).then_some(part)
     }
@@ -62,10 +83,10 @@ impl Truth {
             return;
         }
         let mut since = self.recent.iter().filter(|(ns, _)| *ns >= look_ns);
-        let Some((_, places)) = since.next() else { return };
-        let mut settled = Settled { look_ns, places: places.clone(), slips_m: BTreeMap::new() };
-        for (_, places) in since {
-            settled.follow(places);
+        let Some((_, lays)) = since.next() else { return };
+        let mut settled = Settled { look_ns, lays: lays.clone(), slips_m: BTreeMap::new() };
+        for (_, lays) in since {
+            settled.follow(lays);
         }
         self.settled = Some(settled);
     }
@@ -77,11 +98,11 @@ impl Truth {
 }
 
 impl Settled {
-    fn follow(&mut self, places: &Places) {
-        for (id, (place, _)) in places {
-            if let Some((from, _)) = self.places.get(id) {
+    fn follow(&mut self, lays: &Lays) {
+        for (id, lay) in lays {
+            if let Some(from) = self.lays.get(id) {
                 let slip_m = self.slips_m.entry(*id).or_insert(0.0);
-                *slip_m = slip_m.max((place - from).norm());
+                *slip_m = slip_m.max((lay.place_m - from.place_m).norm());
             }
         }
     }
@@ -89,8 +110,6 @@ impl Settled {
 
 #[cfg(test)]
 mod tests {
-    use feeder_model::tray::Place;
-
     use super::*;
 
     /// Parts on the line of ψ = 0, numbered from 0.

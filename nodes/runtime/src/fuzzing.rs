@@ -1,5 +1,6 @@
 //! Every decoder of bytes or text from outside, by name, for fuzzers: none may panic, hang, or take memory out of
-//! proportion to its input, whatever that is. `nodes/runtime/fuzz` has a target for each.
+//! proportion to its input, whatever that is. The package of
+//! the tests adds the decoders of the other rooms.
 
 use std::io;
 

@@ -17,6 +17,7 @@ mod housekeeping;
 pub mod launch;
 pub mod lockstep;
 mod logging;
+pub mod memory;
 pub mod node;
 pub mod parameters;
 pub mod patience;

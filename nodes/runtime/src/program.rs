@@ -14,6 +14,7 @@ use crate::dds::{Domain, NodeName};
 use crate::launch::{Seat, parameters, run_in_loop, run_remapped};
 use crate::lockstep::{LoopContract, RunError};
 use crate::logging::{LogSettings, start_logging};
+use crate::memory::bound_memory;
 use crate::node::{FeederNode, NodeError};
 
 /// Options of a node.
@@ -53,6 +54,7 @@ pub fn main_with<N: FeederNode, E: std::error::Error + Send + Sync + 'static>(
     load: LoadConfig<N::Config, E>,
     arguments: Vec<OsString>,
 ) -> ExitCode {
+    bound_memory();
     let words = arguments.into_iter().map(|argument| argument.to_string_lossy().into_owned());
     let ros = match RosArgs::parse(words) {
         Ok(ros) => ros,

@@ -3,7 +3,7 @@
 use std::net::{Ipv4Addr, TcpListener};
 use std::ops::Deref;
 
-use crate::dds::{DiscoveryRange, Domain};
+use crate::dds::{DiscoveryRange, Domain, StaticPeers};
 
 /// First domain given to tests; below are the ones people use.
 const FIRST: u16 = 20;
@@ -32,7 +32,10 @@ impl TestDomain {
             .map(|offset| FIRST + (start + offset) % (LAST - FIRST + 1))
             .find_map(|id| {
                 let lock = TcpListener::bind((Ipv4Addr::LOCALHOST, LOCK_PORT + id)).ok()?;
-                Some(Self { domain: Domain { id, range: DiscoveryRange::Localhost }, _lock: lock })
+                Some(Self {
+                    domain: Domain { id, range: DiscoveryRange::Localhost, peers: StaticPeers::default() },
+                    _lock: lock,
+                })
             })
             .expect("a free DDS domain between 20 and 101")
     }

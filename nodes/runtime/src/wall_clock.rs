@@ -168,7 +168,8 @@ struct WallRunner<N> {
     _readers: Vec<Reader>,
 }
 
-/// Steps `node` every tick until it is to stop; configurations that come are taken over between two steps.
+/// Steps `node` every tick until it is to stop; configurations that come are taken over between two steps. Others are met
+/// when it has its endpoints.
 pub(crate) fn run<N: FeederNode>(
     participant: &Participant,
     node: N,
@@ -178,6 +179,7 @@ pub(crate) fn run<N: FeederNode>(
 ) -> Result<(), RunError> {
     let tick_ns = u64::try_from(pace.tick.as_nanos()).unwrap_or(u64::MAX);
     let mut runner = WallRunner::open(participant, node, interface, tick_ns)?;
+    participant.meet_others();
     let mut schedule = None;
     while !pace.stop.load(Ordering::Relaxed) {
         let now_ns = pace.time.now_ns();

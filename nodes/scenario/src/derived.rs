@@ -2,6 +2,7 @@
 
 use feeder_control::courier::CourierConfig;
 use feeder_control::delivery::FeedRate;
+use feeder_model::geometry::StablePose;
 use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_model::mechanics::annular::AnnularTrack;
 use feeder_model::mechanics::map::TrayMap;
@@ -10,7 +11,7 @@ use feeder_model::motor::{CarriedParts, Load};
 use feeder_model::part::PartType;
 use feeder_model::tray::Surface;
 use feeder_model::waveform::Waveform;
-use feeder_sim::camera::Scene;
+use feeder_sim::camera::{PartSolid, Scene};
 use feeder_vision::SelectorConfig;
 
 use crate::loading::LOADING_SPEED_SHARE;
@@ -23,14 +24,29 @@ impl Scenario {
     /// # Errors
     /// A parameter out of its range.
     pub fn waveform(&self) -> Result<Waveform, ScenarioError> {
-        let friction = self.believed_friction(&self.part_type()?);
-        self.waveform.design(&self.tray.geometry, friction).map_err(|error| invalid("waveform", &error))
+        let friction_min = self.believed_friction_min(&self.part_type()?);
+        self.waveform.design(&self.tray.geometry, friction_min).map_err(|error| invalid("waveform", &error))
     }
 
-    /// The friction that moves reckon with: the part's own, unless the scenario says that control believes another.
+    /// The friction that control believes the part to have: the part's own, unless the scenario says otherwise.
     #[must_use]
     pub fn believed_friction(&self, part: &PartType) -> f64 {
         self.believed.part_friction.unwrap_or(part.friction.static_coefficient())
+    }
+
+    /// The least that control believes it may be, as uncertain as it is: with this moves reckon, and for this an optimal
+    /// waveform is designed.
+    #[must_use]
+    pub fn believed_friction_min(&self, part: &PartType) -> f64 {
+        self.believed_friction(part) * (1.0 - part.friction_uncertainty_ratio)
+    }
+
+    /// The part as it is in a run, with the friction that it has.
+    ///
+    /// # Errors
+    /// A friction that cannot be.
+    pub fn world_part(&self, part: &PartType) -> Result<PartType, ScenarioError> {
+        self.world.differences.part(part).map_err(|error| invalid("world", &error))
     }
 
     /// How fast a waveform should feed parts on the plateau from the inner wall to the outer, as far as control knows the
@@ -124,27 +140,47 @@ impl Scenario {
     /// gripper needs where that is more.
     #[must_use]
     pub fn part_gap_m_min(&self, part: &PartType) -> f64 {
-        let rooms_m = self.stations.iter().map(|station| station.gripper.room_m(part));
+        let outline = self.asked_pose(part).map(|pose| &pose.outline);
+        let rooms_m = self.stations.iter().filter_map(|station| Some(station.gripper.room_m(outline?)));
         rooms_m.min_by(f64::total_cmp).unwrap_or(0.0).max(self.selector.part_clearance_m)
     }
 
-    /// The camera as it is simulated.
-    #[must_use]
-    pub fn simulated_camera(&self) -> SimulatedCamera {
-        SimulatedCamera {
+    /// The camera as it is simulated in a run.
+    ///
+    /// # Errors
+    /// A camera that cannot be, with the differences that the scenario states.
+    pub fn simulated_camera(&self) -> Result<SimulatedCamera, ScenarioError> {
+        let differences = &self.world.differences;
+        Ok(SimulatedCamera {
             period_ms: self.camera.period_ms,
             jpeg_quality: self.camera.jpeg_quality,
-            model: self.camera.model.clone(),
+            calibrated: self.camera.model.clone(),
+            model: differences.camera(&self.camera.model).map_err(|error| invalid("world", &error))?,
             tray: self.world.tray,
+            light: differences.light(self.world.light),
+            sensor: differences.sensor(self.world.sensor),
+        })
+    }
+
+    /// What the camera sees in a run.
+    ///
+    /// # Errors
+    /// As [`simulated_camera`](Self::simulated_camera).
+    pub fn world_scene(&self, part: &PartType) -> Result<Scene, ScenarioError> {
+        Ok(self.simulated_camera()?.scene(self.tray, part))
+    }
+
+    /// What it sees when it is calibrated and the part is taught.
+    #[must_use]
+    pub fn scene(&self, part: &PartType) -> Scene {
+        Scene {
+            camera: self.camera.model.clone(),
+            tray: self.tray,
+            tray_appearance: self.world.tray,
+            part: PartSolid::new(part.mesh.clone(), &part.poses),
             light: self.world.light,
             sensor: self.world.sensor,
         }
-    }
-
-    /// What the camera sees.
-    #[must_use]
-    pub fn scene(&self, part: &PartType) -> Scene {
-        self.simulated_camera().scene(self.tray, part)
     }
 
     /// The selector's parameters, with the wanted poses of the part.
@@ -155,10 +191,12 @@ impl Scenario {
 
     /// The pose that the manipulators ask for: the first wanted one that the recipe in force at the start has, or else the
     /// first that it has.
-    pub(crate) fn asked_pose(&self, part: &PartType) -> String {
+    #[must_use]
+    pub fn asked_pose<'a>(&self, part: &'a PartType) -> Option<&'a StablePose> {
         let recipes = self.recipes(part);
         let poses = recipes.first().map_or(&[][..], |recipe| &recipe.pose_classes);
         let wanted = part.wanted_pose_names().find(|wanted| poses.iter().any(|pose| pose == wanted));
-        wanted.or(poses.first().map(String::as_str)).unwrap_or_default().to_owned()
+        let asked = wanted.or(poses.first().map(String::as_str))?;
+        part.poses.iter().find(|pose| pose.name == asked)
     }
 }

@@ -3,6 +3,7 @@
 mod catalogue;
 mod cell;
 mod derived;
+mod differences;
 mod error;
 mod gripper;
 mod loading;
@@ -22,6 +23,7 @@ use serde::{Deserialize, Serialize};
 
 pub use catalogue::{PartSource, PartSourceError, catalogue_names};
 pub use cell::{FurtherFeeder, PlatenSection, Recipe};
+pub use differences::Differences;
 pub use error::ScenarioError;
 use error::{invalid, yaml_problem};
 use feeder_control::courier::CourierConfig;

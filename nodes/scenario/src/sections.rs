@@ -9,13 +9,15 @@ use feeder_model::range::OutOfRange;
 use feeder_sim::camera::{LightModel, SensorModel, TrayAppearance};
 
 use crate::MotorSource;
+use crate::differences::Differences;
 use crate::error::{ScenarioError, check_count, check_tick, invalid};
 use crate::gripper::Gripper;
 
 /// The longest run, s: 24 hours.
 const DURATION_S_MAX: f64 = 86_400.0;
 
-/// The simulated world, as far as it is not what control believes.
+/// The simulated world, as far as it is not what control believes. Light, sensor and the tray's look are those under which the
+/// part is taught.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WorldSection {
@@ -27,13 +29,15 @@ pub struct WorldSection {
     pub light: LightModel,
     /// The camera's sensor.
     pub sensor: SensorModel,
+    /// How all this, the camera and the part differ from what control was told of them.
+    pub differences: Differences,
 }
 
 /// What control believes where that is not so, to see what comes of it. What is left out is as it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BelievedSection {
-    /// Coefficient of static friction between part and tray with which moves reckon, in place of the part's own.
+    /// Coefficient of friction between part and tray, in place of the part's own; it is taken to be as uncertain as that.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub part_friction: Option<f64>,
 }

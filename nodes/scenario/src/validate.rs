@@ -19,8 +19,10 @@ impl Scenario {
         self.courier.validate().map_err(|error| invalid("courier", &error))?;
         let part = self.part_type()?;
         self.validate_waveform(&part)?;
-        let bulk = self.bulk_settings(&part)?;
-        placed::bulk_with(&self.parts_placed, self.tray.geometry, part.clone(), bulk, self.seed)?;
+        self.world.differences.check().map_err(|error| invalid("world", &error))?;
+        let in_run = self.world_part(&part)?;
+        let bulk = self.bulk_settings(&in_run)?;
+        placed::bulk_with(&self.parts_placed, self.tray.geometry, in_run, bulk, self.seed)?;
         self.validate_camera(&part)?;
         if let Some(Source::Here(model)) = &self.part_model {
             check_taught(model, &part)?;
@@ -28,7 +30,7 @@ impl Scenario {
                 .map_err(|error| invalid("selector", &error))?;
         }
         self.delivery.validate().map_err(|error| invalid("delivery", &error))?;
-        check_range("part_friction", self.believed_friction(&part), 0.01, 5.0)
+        check_range("part_friction", self.believed_friction_min(&part), 0.01, 5.0)
             .map_err(|error| invalid("believed", &error))?;
         self.validate_stations(&part)?;
         self.validate_cell(&part)
@@ -60,7 +62,8 @@ impl Scenario {
             return Err(ScenarioError::Invalid { section: "camera", problem });
         }
         check_count("camera", "jpeg_quality", self.camera.jpeg_quality.into(), 1, 100)?;
-        self.scene(part).validate().map_err(|error| invalid("camera", &error))
+        self.scene(part).validate().map_err(|error| invalid("camera", &error))?;
+        self.world_scene(part)?.validate().map_err(|error| invalid("world", &error))
     }
 
     fn validate_stations(&self, part: &PartType) -> Result<(), ScenarioError> {
@@ -84,7 +87,8 @@ impl Scenario {
                     return Err(ScenarioError::Invalid { section, problem });
                 }
             }
-            station.gripper.check(part).map_err(|error| invalid(section, &format_args!("{}.{error}", station.name)))?;
+            let gripper = self.asked_pose(part).map_or(Ok(()), |pose| station.gripper.check(&pose.outline));
+            gripper.map_err(|error| invalid(section, &format_args!("{}.{error}", station.name)))?;
             let checked = station.manipulator.validate();
             checked.map_err(|error| invalid(section, &format_args!("{}.manipulator: {error}", station.name)))?;
         }

@@ -8,9 +8,6 @@ use feeder_model::range::OutOfRange;
 use feeder_model::tray::{Surface, TrayGeometry};
 use feeder_model::waveform::{Axis, OptimalDesign, Segment, Waveform, WaveformError};
 
-/// The share of the part's friction that an optimal waveform is designed for, if nothing else is said.
-const DESIGN_FRICTION_SHARE: f64 = 0.9;
-
 /// A vibration of the tray about its centre. Accelerations are angular: divide those of a flat tray by the radius.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
@@ -41,8 +38,8 @@ pub enum WaveformSpec {
         radius_m: f64,
         /// Surface it is designed for.
         surface: Surface,
-        /// Coefficient of friction it is designed for; without it nine tenths of what control believes the part's to be, as
-        /// a part with less friction than it is designed for slides back on the ramp.
+        /// Coefficient of friction it is designed for; without it the least that control believes the part's may be, as a
+        /// part with less friction than it is designed for slides back on the ramp.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         friction: Option<f64>,
         /// Largest acceleration, rad/s².
@@ -56,11 +53,11 @@ pub enum WaveformSpec {
 }
 
 impl WaveformSpec {
-    /// The waveform, on the yaw axis, on a tray with parts that are believed to have the friction `part_friction`.
+    /// The waveform, on the yaw axis, on a tray with parts that are believed to have at least the friction `part_friction_min`.
     ///
     /// # Errors
     /// A parameter out of its range.
-    pub fn design(&self, tray: &TrayGeometry, part_friction: f64) -> Result<Waveform, WaveformError> {
+    pub fn design(&self, tray: &TrayGeometry, part_friction_min: f64) -> Result<Waveform, WaveformError> {
         match *self {
             Self::StickSlip { period_s, a_min_rad_s2, a_max_rad_s2 } => {
                 Waveform::stick_slip(Axis::Yaw, period_s, a_min_rad_s2, a_max_rad_s2)
@@ -72,7 +69,7 @@ impl WaveformSpec {
                     Surface::Plateau => 0.0,
                 };
                 let design = OptimalDesign {
-                    friction: friction.unwrap_or(DESIGN_FRICTION_SHARE * part_friction),
+                    friction: friction.unwrap_or(part_friction_min),
                     slope_rad,
                     gravity_m_s2: STANDARD_GRAVITY_M_S2,
                     limit_m_s2: limit_rad_s2 * radius_m,

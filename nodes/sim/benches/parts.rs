@@ -42,6 +42,7 @@ fn disc(diameter_m: f64) -> PartType {
         density_kg_m3: 8000.0,
         friction_static: 0.2,
         friction_kinetic: 0.2,
+        friction_uncertainty_ratio: 0.1,
         reflectance: 0.5,
         shape: ShapeSpec::Solids(vec![Solid::Extruded { outline, holes: vec![], z_m, reflectance: None }]),
         poses: vec![],

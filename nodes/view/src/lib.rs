@@ -148,11 +148,12 @@ impl View {
     pub fn start(plan: &RunPlan, settings: &Settings) -> Result<Self, ViewError> {
         let cell = Description::new(plan, &settings.scenario)?;
         let bound = settings.place.map(server::bind).transpose()?;
-        let participant = Participant::open(&settings.domain, &NodeName::new("/", "feeder_view")?)?;
+        let participant = Participant::secluded(&settings.domain, &NodeName::new("/", "feeder_view")?)?;
         let heard = Heard::new(&cell);
         let ears = Ears::open(&participant, &cell, &heard)?;
         let (changes, interests) = channel();
         let clients = Clients::open(&participant, &cell)?;
+        participant.meet_others();
         let clockwork = Clockwork::new(&cell, settings.source, settings.read_only);
         let board = Board::new(&cell, clockwork.hello(&cell));
         let page = bound.map(|(listener, address)| {

@@ -8,7 +8,7 @@ use super::modes::Light;
 use super::segment::Uncovered;
 use super::surround::DISTANCES;
 use super::view::View;
-use feeder_model::geometry::convex::{distance_m, gap_m};
+use feeder_model::geometry::apart::{distance_m, gap_m};
 
 /// Strip along the plateau's edges, px, where the walls' shade may pass for an obstacle and is not taken for one.
 const EDGE_STRIP_PX: f64 = 4.0;

@@ -7,7 +7,7 @@ use nalgebra::{Matrix2, Point2, Rotation2, SMatrix, SVector, Vector2};
 use super::modes::{self, Amounts, LIGHT_MODES, Light, LightAmounts, MODES};
 use super::template::{Aspect, PoseTemplate};
 use feeder_model::camera::{CameraModel, MountedTray, single};
-use feeder_model::geometry::convex::signed_distance_m;
+use feeder_model::geometry::apart::signed_distance_m;
 
 /// Width of the strip round the part that is compared too, px: the edge, and what it stands out from.
 const RIM_PX: f64 = 1.8;

@@ -30,7 +30,7 @@ pub struct Presented {
     pub x_m: f64,
     /// Offset from the axis along y, m.
     pub y_m: f64,
-    /// Yaw of the part, rad.
+    /// Yaw that the tool must have to grip it, rad.
     pub yaw_rad: f64,
 }
 

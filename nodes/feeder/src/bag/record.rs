@@ -107,6 +107,7 @@ pub(crate) fn run(args: &RecordArgs) -> anyhow::Result<()> {
             Packing::Lz4 => Compression::Lz4,
             Packing::Zstd => Compression::Zstd,
         },
+        live: true,
         split_bytes: args.max_bag_size,
         split_ns: args.max_bag_duration.and_then(|duration| u64::try_from(duration.as_nanos()).ok()),
         ..WriteSettings::default()

@@ -72,6 +72,11 @@ fn parse(text: &[u8], pictures: &[PathBuf], poses: &[String]) -> anyhow::Result<
     Ok(clicks)
 }
 
+/// Reads any bytes as a table of clicks; for fuzzers.
+pub fn fuzz(input: &[u8]) {
+    let _ = parse(input, &["a.png", "b/c.jpg"].map(PathBuf::from), &["flat".to_owned()]);
+}
+
 /// The line of the record that was read from here on: what is skipped before it counts too.
 fn line_of(text: &[u8], position: &csv::Position) -> u64 {
     let rest = usize::try_from(position.byte()).ok().and_then(|byte| text.get(byte..)).unwrap_or_default();

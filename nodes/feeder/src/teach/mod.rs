@@ -23,6 +23,7 @@ use nalgebra::Isometry2;
 
 use crate::{lesson, pictures};
 use album::Album;
+pub use labels::fuzz as fuzz_labels;
 use source::Source;
 
 /// Teach the selector a part and print the model (YAML)

@@ -124,7 +124,18 @@ pub(crate) fn write_bag(folder: &Path, samples: &[VelocitySample]) -> Result<()>
 }
 
 fn read_csv(file: &Path) -> Result<Vec<VelocitySample>> {
-    let mut reader = csv::Reader::from_path(file)?;
+    parse_csv(&std::fs::read(file)?)
+}
+
+/// Reads any bytes as a recording; for fuzzers.
+pub fn fuzz(input: &[u8]) {
+    if let Ok(samples) = parse_csv(input) {
+        let _ = kinetic_friction(&samples, STANDARD_GRAVITY_M_S2);
+    }
+}
+
+fn parse_csv(text: &[u8]) -> Result<Vec<VelocitySample>> {
+    let mut reader = csv::Reader::from_reader(text);
     let headers = reader.headers()?.clone();
     let place = |name: &str| headers.iter().position(|header| header.trim() == name);
     let [Some(time), Some(tray), Some(part)] = COLUMNS.map(place) else {

@@ -13,6 +13,8 @@ pub(crate) mod tray_map;
 use anyhow::Result;
 use serde::Serialize;
 
+pub use identify::fuzz as fuzz_recording;
+
 /// Prints a result as JSON on standard output.
 fn print_json(value: &impl Serialize) -> Result<()> {
     println!("{}", serde_json::to_string_pretty(value)?);

@@ -97,9 +97,10 @@ fn score(name: &str, args: &Args) -> anyhow::Result<Score> {
         Renderer::new(&scene)?.render(&TrayShot::still(platen_from_tray), &[], &mut random, &mut bare)?;
         bare.save(folder.join(format!("{name}_bare.png")))?;
     }
+    let world = scenario.world_scene(&part)?;
     let trial = Trial {
         scene: &scene,
-        world: &scene,
+        world: &world,
         blur_px: 0.0,
         poses: &part.poses,
         platen_from_tray,

@@ -4,7 +4,7 @@
 //! solids of revolution and extruded polygons given as data ([`ShapeSpec`]), or from an STL file. A part lies on a face of
 //! its convex hull; the faces above which its centre of mass stands are its stable poses ([`StablePose`]).
 
-pub mod convex;
+pub mod apart;
 mod hull;
 mod mesh;
 mod outline;

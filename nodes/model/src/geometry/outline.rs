@@ -1,6 +1,8 @@
 //! The convex silhouette of a part as it lies, seen from above.
 
-use nalgebra::{Point2, Rotation2, Vector2};
+use std::f64::consts::PI;
+
+use nalgebra::{Isometry2, Point2, Vector2};
 
 /// How far a silhouette may deviate from a circle about the centre of mass, as a share of its radius, to count as one.
 const ROUNDNESS: f64 = 0.01;
@@ -33,13 +35,6 @@ impl Outline {
         0.5 * edges(&self.corners_m).map(|(from, to)| from.coords.perp(&to.coords)).sum::<f64>()
     }
 
-    /// The corners of the silhouette with the centre of mass at `centre`, turned by `yaw_rad`, counter-clockwise, m.
-    #[must_use]
-    pub fn placed_m(&self, centre: Point2<f64>, yaw_rad: f64) -> Vec<Point2<f64>> {
-        let turn = Rotation2::new(yaw_rad);
-        self.corners_m.iter().map(|corner| centre + turn * corner.coords).collect()
-    }
-
     /// Extent along the direction of `angle_rad`, m.
     #[must_use]
     pub fn width_m(&self, angle_rad: f64) -> f64 {
@@ -52,13 +47,35 @@ impl Outline {
     /// Least and largest extent over all directions, m.
     #[must_use]
     pub fn width_range_m(&self) -> (f64, f64) {
-        // The least width is that across an edge; the largest is the distance of two corners.
-        let across = edges(&self.corners_m).map(|(from, to)| {
-            let along = to - from;
-            self.width_m(along.x.atan2(-along.y))
-        });
+        // The largest is the distance of two corners.
         let largest = self.corners_m.iter().flat_map(|a| self.corners_m.iter().map(move |b| (a - b).norm()));
-        (across.fold(f64::INFINITY, f64::min), largest.fold(0.0, f64::max))
+        (self.across_edges().map(|(width_m, _)| width_m).fold(f64::INFINITY, f64::min), largest.fold(0.0, f64::max))
+    }
+
+    /// Least extent, m, and the direction along which it is that, from -π/2 to π/2 rad. A circle has its diameter along 0.
+    #[must_use]
+    pub fn narrowest(&self) -> (f64, f64) {
+        if self.round {
+            return (2.0 * self.radius_m, 0.0);
+        }
+        let (width_m, angle_rad) =
+            self.across_edges().min_by(|(a, _), (b, _)| a.total_cmp(b)).unwrap_or((f64::INFINITY, 0.0));
+        (width_m, angle_rad - PI * (angle_rad / PI).round())
+    }
+
+    /// Extents along the normals of the edges, m, with their directions, rad. One of them is the least extent.
+    fn across_edges(&self) -> impl Iterator<Item = (f64, f64)> {
+        edges(&self.corners_m).map(|(from, to)| {
+            let along = to - from;
+            let angle_rad = along.x.atan2(-along.y);
+            (self.width_m(angle_rad), angle_rad)
+        })
+    }
+
+    /// The corners where the part lies, m: turned and moved so.
+    #[must_use]
+    pub fn at(&self, lies: &Isometry2<f64>) -> Vec<Point2<f64>> {
+        self.corners_m.iter().map(|corner| lies * corner).collect()
     }
 }
 

@@ -54,6 +54,7 @@ mod tests {
             density_kg_m3: 1000.0,
             friction_static: 0.4,
             friction_kinetic: 0.3,
+            friction_uncertainty_ratio: 0.1,
             reflectance: 0.5,
             shape: ShapeSpec::Solids(vec![solid]),
             poses: Vec::new(),

@@ -25,6 +25,8 @@ pub struct PartType {
     pub mass_kg: f64,
     /// Friction between part and tray.
     pub friction: Friction,
+    /// How far its coefficients may be from that, either way, over that.
+    pub friction_uncertainty_ratio: f64,
     /// The stable poses: first those with names of their own, in the order of the file, then by probability.
     pub poses: Vec<StablePose>,
     /// Indices of the poses in which the part is wanted.
@@ -110,6 +112,7 @@ impl PartType {
         OutOfRange::unless_positive("density_kg_m3", spec.density_kg_m3)?;
         check_range("reflectance", spec.reflectance, 0.0, 1.0)?;
         let friction = Friction::new(spec.friction_static, spec.friction_kinetic)?;
+        check_range("friction_uncertainty_ratio", spec.friction_uncertainty_ratio, 0.0, 0.5)?;
         let mesh = spec.shape.mesh(spec.reflectance)?;
         let poses = named(stable_poses(&mesh)?, spec)?;
         let find = |name: &String| poses.iter().position(|pose| pose.name == *name);
@@ -126,6 +129,7 @@ impl PartType {
             mass_kg: spec.density_kg_m3 * mesh.volume_m3(),
             mesh,
             friction,
+            friction_uncertainty_ratio: spec.friction_uncertainty_ratio,
             dropoff: vec![estimate.clone(); poses.len()],
             poured: estimate,
             poses,

@@ -17,6 +17,10 @@ pub struct PartSpec {
     pub friction_static: f64,
     /// Coefficient of kinetic friction μ_k between part and tray, at most μ_s.
     pub friction_kinetic: f64,
+    /// How far both coefficients may be from what is stated, either way, over that: 0.1 is ± 10 %.
+    #[serde(default = "PartSpec::default_friction_uncertainty_ratio")]
+    #[schemars(range(min = 0.0, max = 0.5))]
+    pub friction_uncertainty_ratio: f64,
     /// Share of light that comes back from the surface, 0 to 1, where a solid of the shape has no other.
     pub reflectance: f64,
     /// The shape.
@@ -30,6 +34,13 @@ pub struct PartSpec {
     /// of the stable poses says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drops: Option<DropTable>,
+}
+
+impl PartSpec {
+    /// How uncertain friction is where nobody says.
+    const fn default_friction_uncertainty_ratio() -> f64 {
+        0.1
+    }
 }
 
 /// A name for a stable pose.

@@ -22,7 +22,7 @@ pub(super) const FRAGMENTED_ABOVE_BYTES: usize = 1_000;
 const BODY_BYTES_MAX: usize = 65_000;
 
 /// RTPS version and vendor as RustDDS announces them.
-const VERSION_AND_VENDOR: [u8; 4] = [2, 4, 0x01, 0x12];
+pub(super) const VERSION_AND_VENDOR: [u8; 4] = [2, 4, 0x01, 0x12];
 /// Little-endian CDR.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
@@ -37,6 +37,15 @@ pub(super) mod submessage {
 
 pub(super) mod parameter {
     pub(in super::super) const SENTINEL: u16 = 0x0001;
+    pub(in super::super) const PARTICIPANT_LEASE_DURATION: u16 = 0x0002;
+    pub(in super::super) const PROTOCOL_VERSION: u16 = 0x0015;
+    pub(in super::super) const VENDOR_ID: u16 = 0x0016;
+    pub(in super::super) const DEFAULT_UNICAST_LOCATOR: u16 = 0x0031;
+    pub(in super::super) const METATRAFFIC_UNICAST_LOCATOR: u16 = 0x0032;
+    pub(in super::super) const METATRAFFIC_MULTICAST_LOCATOR: u16 = 0x0033;
+    pub(in super::super) const DEFAULT_MULTICAST_LOCATOR: u16 = 0x0048;
+    pub(in super::super) const PARTICIPANT_GUID: u16 = 0x0050;
+    pub(in super::super) const BUILTIN_ENDPOINT_SET: u16 = 0x0058;
     pub(in super::super) const KEY_HASH: u16 = 0x0070;
     pub(in super::super) const STATUS_INFO: u16 = 0x0071;
     pub(in super::super) const RELATED_SAMPLE_IDENTITY: u16 = 0x0083;

@@ -8,27 +8,16 @@
 
 use std::{collections::BTreeSet, net::SocketAddr, thread::sleep, time::Duration};
 
-use bytes::{BufMut, BytesMut};
 use ros2_client::dds::rustdds::{DomainParticipant, RTPSEntity};
 
-use super::{
-    Guid,
-    datagram::{self, parameter, put_head, put_header, put_sequence, submessage},
-    graph, wire,
-};
+use super::{Guid, datagram, graph, presence::encode_gone, wire};
 
 /// How long a participant stays after its last endpoint has gone. The DDS library stops its sending thread without
 /// looking whether it has sent everything, and on a busy machine it has not: what is lost then stays on the graph as a
 /// ghost for most of a minute.
 const STAY: Duration = Duration::from_millis(30);
-/// The writer and reader of participants' announcements (RTPS 2.3, 9.3.1.5).
-const PARTICIPANT_WRITER: [u8; 4] = [0x00, 0x01, 0x00, 0xc2];
-const PARTICIPANT_READER: [u8; 4] = [0x00, 0x01, 0x00, 0xc7];
 /// Later than every announcement of ours: they are counted from 1, one in ten seconds.
 const SEQUENCE: i64 = 1 << 32;
-/// Disposed and unregistered.
-const GONE: [u8; 4] = [0, 0, 0, 3];
-
 /// Lets the goodbyes of what was dropped before it be sent, and sends one to those who cannot read them.
 pub(super) struct Farewell {
     participant: DomainParticipant,
@@ -43,7 +32,7 @@ impl Farewell {
 impl Drop for Farewell {
     fn drop(&mut self) {
         sleep(STAY);
-        let message = encode(self.participant.guid().into());
+        let message = encode_gone(self.participant.guid().into(), SEQUENCE);
         for address in addresses(&self.participant) {
             // Without it they forget us when the lease runs out.
             if let Err(error) = datagram::send(&message, &[address]) {
@@ -62,51 +51,4 @@ fn addresses(participant: &DomainParticipant) -> BTreeSet<SocketAddr> {
         address
     };
     graph::addresses(participant, of_fast_dds).into_iter().map(for_announcements).collect()
-}
-
-/// The message that says that a participant is gone.
-fn encode(participant: Guid) -> BytesMut {
-    let mut to = BytesMut::with_capacity(96);
-    put_header(&mut to, participant);
-    put_head(&mut to, submessage::DATA, submessage::LITTLE_ENDIAN | submessage::INLINE_QOS, 0);
-    to.put_u16_le(0);
-    // From here to the inline QoS: reader, writer and sequence number.
-    to.put_u16_le(16);
-    to.put_slice(&PARTICIPANT_READER);
-    to.put_slice(&PARTICIPANT_WRITER);
-    put_sequence(&mut to, Some(SEQUENCE));
-    to.put_u16_le(parameter::KEY_HASH);
-    to.put_u16_le(16);
-    to.put_slice(&participant.0);
-    to.put_u16_le(parameter::STATUS_INFO);
-    to.put_u16_le(4);
-    to.put_slice(&GONE);
-    to.put_u16_le(parameter::SENTINEL);
-    to.put_u16_le(0);
-    to
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_goodbye_is_the_one_of_the_specification() {
-        let mut guid = [7; 16];
-        guid[12..].copy_from_slice(&[0, 0, 1, 0xc1]);
-        let expected = [
-            &b"RTPS\x02\x04\x01\x12"[..],
-            &[7; 12],
-            &[0x15, 3, 0, 0, 0, 0, 16, 0],
-            &[0, 1, 0, 0xc7],
-            &[0, 1, 0, 0xc2],
-            &[1, 0, 0, 0, 0, 0, 0, 0],
-            &[0x70, 0, 16, 0],
-            &guid,
-            &[0x71, 0, 4, 0, 0, 0, 0, 3],
-            &[1, 0, 0, 0],
-        ]
-        .concat();
-        assert_eq!(encode(Guid(guid)).as_ref(), expected);
-    }
 }

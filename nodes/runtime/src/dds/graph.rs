@@ -87,6 +87,18 @@ pub(super) fn reader_addresses(participant: &DomainParticipant, reader: Guid) ->
     locators.filter(|locator| locator.is_udp()).map(|locator| SocketAddr::from(*locator)).collect()
 }
 
+/// Where the readers of each topic get their messages; a topic comes once for each.
+pub(super) fn reader_addresses_by_topic(participant: &DomainParticipant) -> Vec<(String, Vec<SocketAddr>)> {
+    let describe = |data: ros2_client::dds::rustdds::discovery::DiscoveredReaderData| {
+        let locators = data.reader_proxy.unicast_locator_list.iter().filter(|locator| locator.is_udp());
+        (
+            data.subscription_topic_data.topic_name().clone(),
+            locators.map(|locator| SocketAddr::from(*locator)).collect(),
+        )
+    };
+    participant.discovered_readers().into_iter().map(describe).collect()
+}
+
 /// Where the endpoints that `wanted` picks get their messages.
 pub(super) fn addresses(participant: &DomainParticipant, wanted: impl Fn(&Guid) -> bool) -> BTreeSet<SocketAddr> {
     let (readers, writers) = (participant.discovered_readers(), participant.discovered_writers());

@@ -6,9 +6,9 @@
 //! that one has to read the database when a participant announces itself (`dp_event_loop.rs:711`). Somebody who makes the
 //! next endpoint then waits to write to the database, which lets no new reader in: none of the three goes on.
 //!
-//! The queue is full when many endpoints are found at once. So the next one is made when nobody has been found for a
-//! while, and what the last one was compared with has passed. A node makes its endpoints before it finds anybody, where it
-//! can, and then does not wait.
+//! The queue is full when many endpoints are found at once. So a node makes its endpoints before it can find anybody (see
+//! `door.rs`): then there is nothing to say, and nothing waits. One that is made later is made when nobody has been found
+//! for a while, and what the last one was compared with has passed. That makes it unlikely, not impossible.
 
 use std::collections::BTreeSet;
 use std::thread::sleep;
@@ -25,6 +25,8 @@ const LULL: Duration = Duration::from_millis(20);
 const PAUSE: Duration = Duration::from_millis(5);
 /// What the library's threads get for an endpoint before the next one, so that it shows what they compare it with.
 const TURN: Duration = Duration::from_millis(1);
+/// As many may be made in one go where nobody can be met: the library queues up to 100.
+const BURST: usize = 16;
 /// Between two looks.
 const LOOK: Duration = Duration::from_millis(1);
 /// Longest wait: nodes that come up together must not keep each other waiting.
@@ -36,18 +38,33 @@ pub(super) struct Lull {
     own: GUID,
     /// When the last endpoint was made.
     made: Option<Instant>,
+    /// How many were made where nobody can be met.
+    unmet: usize,
     /// The endpoints of others.
     known: BTreeSet<GUID>,
 }
 
 impl Lull {
     pub(super) fn of(participant: &DomainParticipant) -> Self {
-        Self { events: participant.status_listener(), own: participant.guid(), made: None, known: BTreeSet::new() }
+        Self {
+            events: participant.status_listener(),
+            own: participant.guid(),
+            made: None,
+            unmet: 0,
+            known: BTreeSet::new(),
+        }
     }
 
-    /// Makes an endpoint when nothing has been found for a while.
-    pub(super) fn make<T>(&mut self, make: impl FnOnce() -> T) -> T {
-        self.wait();
+    /// Makes an endpoint: where others can be met, when nothing has been found for a while.
+    pub(super) fn make<T>(&mut self, others_can_be_met: bool, make: impl FnOnce() -> T) -> T {
+        if others_can_be_met {
+            self.wait();
+        } else {
+            self.unmet += 1;
+            if self.unmet.is_multiple_of(BURST) {
+                sleep(TURN);
+            }
+        }
         let made = make();
         self.made = Some(Instant::now());
         made

@@ -3,8 +3,7 @@
 use std::{
     collections::BTreeSet,
     fmt,
-    net::Ipv4Addr,
-    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
+    sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, Weak},
 };
 
 use ros2_client::{
@@ -19,11 +18,15 @@ use ros2_client::{
 
 use super::{
     DdsError, DiscoveryRange, Domain, Graph, Guid, NodeName, SOCKET_BUFFER_BYTES,
+    door::Door,
     executor::{Executor, Spawner, Task as BackgroundTask},
     farewell::Farewell,
     graph::{self, Nodes},
+    loops::Loops,
     lull::Lull,
     raw::{Raw, RawAdapter},
+    reach::Reach,
+    relay::{Relay, Written},
     signals::Masked,
     tally::{Counter, Loss, Tally},
 };
@@ -41,6 +44,9 @@ pub(super) struct Inner {
     announcement: Mutex<Announcement>,
     nodes: Arc<Nodes>,
     lull: Mutex<Lull>,
+    door: Door,
+    relay: OnceLock<Relay>,
+    written: Written,
     pub(super) publisher: Publisher,
     pub(super) subscriber: Subscriber,
     name: NodeName,
@@ -63,6 +69,17 @@ impl Participant {
     /// # Errors
     /// [`DdsError::Join`] when no port or thread is to be had.
     pub fn open(domain: &Domain, node: &NodeName) -> Result<Self, DdsError> {
+        let participant = Self::secluded(domain, node)?;
+        participant.meet_others();
+        Ok(participant)
+    }
+
+    /// Joins a domain where nobody can meet it before [`meet_others`](Self::meet_others): endpoints that are made until then
+    /// are made at once, as the DDS library cannot lock up over whom it finds meanwhile.
+    ///
+    /// # Errors
+    /// [`DdsError::Join`] when no port or thread is to be had.
+    pub fn secluded(domain: &Domain, node: &NodeName) -> Result<Self, DdsError> {
         let refuse = |reason: String| DdsError::Join { node: node.to_string(), domain: domain.id, reason };
         if domain.id > Domain::ID_MAX {
             return Err(refuse(format!("the largest domain is {}", Domain::ID_MAX)));
@@ -71,13 +88,16 @@ impl Participant {
         let builder = DomainParticipantBuilder::new(domain.id)
             .socket_receive_buffer_size(SOCKET_BUFFER_BYTES)
             .socket_send_buffer_size(SOCKET_BUFFER_BYTES);
-        let domain_participant = match domain.range {
-            DiscoveryRange::Localhost => builder.with_only_networks([Ipv4Addr::LOCALHOST]),
-            DiscoveryRange::Subnet => builder,
-            DiscoveryRange::Off => builder.with_only_networks([Ipv4Addr::UNSPECIFIED; 0]).same_host_loopback(false),
-        }
-        .build()
-        .map_err(|error| refuse(error.to_string()))?;
+        let build = |reach: &Reach| {
+            let builder = builder.same_host_loopback(domain.range != DiscoveryRange::Off);
+            match &reach.networks {
+                Some(networks) => builder.with_only_networks(networks.iter().copied()),
+                None => builder,
+            }
+            .build()
+        };
+        let (opened, loops) = Loops::of(|| Door::shut(domain, build));
+        let (domain_participant, door) = opened.map_err(|error| refuse(error.to_string()))?;
 
         let join = || -> Result<_, CreateError> {
             let publisher = domain_participant.create_publisher(&QosPolicies::qos_none())?;
@@ -88,12 +108,13 @@ impl Participant {
                 &ros_discovery::QOS_PUB,
                 TopicKind::NoKey,
             )?;
-            let writer = publisher.create_datawriter_no_key_cdr(&topic, None)?;
+            let writer = publisher.create_datawriter_no_key_cdr::<ParticipantEntitiesInfo>(&topic, None)?;
             let reader = subscriber.create_simple_datareader_no_key::<Raw, RawAdapter>(&topic, None)?;
             Ok((publisher, subscriber, writer, reader))
         };
         let (publisher, subscriber, writer, reader) = join().map_err(|error| refuse(error.to_string()))?;
         let executor = Executor::start(&format!("dds {}", node.name())).map_err(|error| refuse(error.to_string()))?;
+        executor.spawner().spawn(loops.watch(node.to_string()));
         let nodes = Arc::new(Nodes::default());
         executor.spawner().spawn(super::drain::drain_into(reader, {
             let nodes = nodes.clone();
@@ -105,12 +126,16 @@ impl Participant {
             name: node.clone(),
             readers: BTreeSet::new(),
             writers: BTreeSet::new(),
+            is_public: false,
         });
         let inner = Inner {
             executor,
             announcement,
             nodes,
             lull: Mutex::new(Lull::of(&domain_participant)),
+            door,
+            relay: OnceLock::new(),
+            written: Written::default(),
             publisher,
             subscriber,
             name: node.clone(),
@@ -119,8 +144,23 @@ impl Participant {
             _farewell: Farewell::of(&domain_participant),
             domain_participant,
         };
-        inner.announcement().publish(true);
+        let announcer = inner.announcement().writer.guid().into();
+        inner.note_written(announcer, ros_discovery::TOPIC_NAME);
         Ok(Self { inner: Arc::new(inner) })
+    }
+
+    /// Lets others in and announces the node, with what endpoints it has.
+    pub fn meet_others(&self) {
+        let inner = &self.inner;
+        inner.announcement().begin();
+        let participant = &inner.domain_participant;
+        if let Some(relay) = (!inner.door.is_open()).then(|| inner.door.relay(participant, &inner.written)).flatten() {
+            // Set once: the door has been shut until now.
+            let _ = inner.relay.set(relay);
+        }
+        if let Some(later) = inner.door.open(participant.guid().into(), participant.participant_id()) {
+            inner.executor.spawner().spawn(later);
+        }
     }
 
     /// What discovery knows of other participants now; this one is not part of it.
@@ -197,7 +237,7 @@ impl Inner {
 
     /// Makes an endpoint, one at a time, when that can be done.
     pub(super) fn in_a_lull<T>(&self, make: impl FnOnce() -> T) -> T {
-        self.lull.lock().unwrap_or_else(PoisonError::into_inner).make(make)
+        self.lull.lock().unwrap_or_else(PoisonError::into_inner).make(self.door.is_open(), make)
     }
 
     pub(super) fn announcement(&self) -> MutexGuard<'_, Announcement> {
@@ -206,6 +246,13 @@ impl Inner {
 
     pub(super) fn withdraw_reader(&self, guid: Guid) {
         self.announcement().change(|a| a.readers.remove(&guid));
+    }
+
+    /// Notes what a writer writes.
+    pub(super) fn note_written(&self, writer: Guid, topic: &str) {
+        let [.., a, b, c, d] = writer.0;
+        let mut written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
+        written.insert([a, b, c, d], topic.to_owned());
     }
 
     pub(super) fn withdraw_writer(&self, guid: Guid) {
@@ -220,13 +267,20 @@ pub(super) struct Announcement {
     name: NodeName,
     pub(super) readers: BTreeSet<Guid>,
     pub(super) writers: BTreeSet<Guid>,
+    /// Whether it has been published yet.
+    is_public: bool,
 }
 
 impl Announcement {
     pub(super) fn change(&mut self, change: impl FnOnce(&mut Self) -> bool) {
-        if change(self) {
+        if change(self) && self.is_public {
             self.publish(true);
         }
+    }
+
+    fn begin(&mut self) {
+        self.is_public = true;
+        self.publish(true);
     }
 
     /// Says which endpoints the node has, or that there is no node any more.

@@ -53,6 +53,7 @@ impl Participant {
         };
         let raw = self.inner.in_a_lull(make).map_err(|error| endpoint_error("writer", name, &error))?;
         let guid = raw.guid().into();
+        self.inner.note_written(guid, name);
         let writer = Writer::start(self.inner.clone(), raw, name, dds_type, *qos);
         self.inner.announcement().change(|a| a.writers.insert(guid));
         Ok(writer)

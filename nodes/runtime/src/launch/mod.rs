@@ -101,7 +101,7 @@ pub fn run_opened<N: FeederNode>(
     interface: Interface,
 ) -> Result<(), RunError> {
     let full_name = full_name(&seat.namespace, name);
-    let participant = Participant::open(&seat.domain, &NodeName::new(&seat.namespace, name)?)?;
+    let participant = Participant::secluded(&seat.domain, &NodeName::new(&seat.namespace, name)?)?;
     let now_ns = Arc::new(AtomicU64::new(0));
     let clock: TimeSource = Arc::new({
         let now_ns = Arc::clone(&now_ns);
@@ -127,6 +127,7 @@ pub fn run_opened<N: FeederNode>(
         None => Box::new(DdsLinks::open(&participant, &seat.contract, &full_name, &sender)?),
     };
     let public = PublicSide::open(&participant, &interface, &sender)?;
+    participant.meet_others();
     let digest = Digest::new(seat.digest_dir.as_deref(), &full_name, &seat.contract.shared_topics);
     let tap = seat.record_to.as_deref().map(|socket| Tap::open(socket, seat.contract.run_id, &full_name, &interface));
     let tap = tap.transpose().map_err(RunError::Record)?;
@@ -234,7 +235,7 @@ pub fn run_remapped<N: FeederNode>(
     }
     let autostart = configuration.store.get(AUTOSTART) == Some(&Value::Bool(true));
     let node = Managed::<N>::open(ports, &config).map_err(RunError::Node)?.autostart(autostart);
-    let participant = Participant::open(domain, &name)?;
+    let participant = Participant::secluded(domain, &name)?;
     let time = match configuration.store.get(USE_SIM_TIME) {
         Some(Value::Bool(true)) => {
             Time::simulated(&participant, &ros.resolve(&name, &CLOCK.name_in(""), NameKind::Topic)?)?

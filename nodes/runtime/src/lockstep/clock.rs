@@ -6,11 +6,11 @@ use std::time::Duration;
 
 use minifactory_msgs::msg::{LoopGrant, LoopStatus};
 
-use super::contract::LoopContract;
+use super::contract::{LoopContract, PATIENCE_S};
 use crate::patience::Patience;
 
-/// Time without any progress after which a run is ended, as [`Patience`] counts it.
-pub const STALL_LIMIT: Duration = Duration::from_secs(3);
+/// Time without any progress after which the user is told; in a run on one host it is ended then, as [`Patience`] counts it.
+pub const STALL_LIMIT: Duration = Duration::from_secs(PATIENCE_S as u64);
 /// Wall time without a word after which a node counts as silent. Live nodes report at least every 100 ms.
 const SILENCE_LIMIT: Duration = Duration::from_millis(1500);
 
@@ -247,7 +247,11 @@ impl LoopClock {
     /// # Errors
     /// [`ClockError::NotWired`] or [`ClockError::Stalled`], naming the nodes at fault.
     pub fn check(&mut self, now: Duration, share: impl FnOnce() -> f64) -> Result<(), ClockError> {
-        let limit = if self.started_at.is_none() { self.start_up_limit } else { STALL_LIMIT };
+        let limit = if self.started_at.is_none() {
+            self.start_up_limit
+        } else {
+            Duration::from_secs(self.contract.patience_s.into())
+        };
         if self.rests() || self.patience.spent(now, share) < limit {
             return Ok(());
         }
@@ -349,6 +353,7 @@ mod tests {
             nodes: vec!["a".into(), "b".into()],
             edges: Vec::new(),
             shared_topics: Vec::new(),
+            patience_s: PATIENCE_S,
         };
         LoopClock::new(contract, speed, 1000, Duration::from_secs(10))
     }

@@ -3,7 +3,6 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod common;
-mod fuzz;
 mod lockstep;
 mod parameters;
 mod rosout;

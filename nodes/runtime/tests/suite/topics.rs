@@ -1,13 +1,14 @@
 //! Topics between two participants over real DDS.
 
+use std::net::{Ipv4Addr, UdpSocket};
 use std::sync::mpsc;
 use std::time::Duration;
 
-use crate::common::{participant, wait_until};
+use crate::common::{participant, secluded, wait_until};
 use bytes::Bytes;
 use feeder_runtime::{
     cdr,
-    dds::{DiscoveryRange, Domain, PublishError, Qos, Sample},
+    dds::{DiscoveryRange, Domain, Graph, PublishError, Qos, Sample},
     testing::TestDomain,
 };
 
@@ -163,7 +164,7 @@ fn leave(domain: &Domain) {
     assert!(stays.discovered().has_node("/test/leaves"));
     drop(writer);
     // A lease would take most of a minute, longer than this waits.
-    wait_until("nothing is left", || stays.discovered() == feeder_runtime::dds::Graph::default());
+    wait_until("nothing is left", || stays.discovered() == Graph::default());
 }
 
 #[test]
@@ -196,7 +197,7 @@ fn a_stopped_reliable_reader_fills_the_writer_and_the_body_comes_back() {
     wait_until("without the reader there is room again", || writer.publish(body(0, 8)).is_ok());
 }
 
-/// The DDS library locks up where endpoints are made while many others are found; see `dds/lull.rs`.
+/// The DDS library locks up where endpoints are made while many others are found; see `dds/door.rs`.
 #[test]
 fn participants_that_come_up_all_at_once_find_each_other() {
     const PARTICIPANTS: usize = 8;
@@ -208,11 +209,12 @@ fn participants_that_come_up_all_at_once_find_each_other() {
         let sender = sender.clone();
         // Not joined: one that is locked up never ends.
         std::thread::spawn(move || {
-            let peer = participant(&domain, &format!("peer_{number}"));
+            let peer = secluded(&domain, &format!("peer_{number}"));
             let topics: Vec<_> = (0..TOPICS).map(|topic| format!("/test/topic_{topic}")).collect();
             let readers: Vec<_> =
                 topics.iter().map(|topic| peer.reader(topic, TYPE, &Qos::command(), |_| ())).collect();
             let writers: Vec<_> = topics.iter().map(|topic| peer.writer(topic, TYPE, &Qos::command())).collect();
+            peer.meet_others();
             sender.send((readers, writers)).expect("the test waits");
         });
     }
@@ -229,6 +231,46 @@ fn participants_that_come_up_all_at_once_find_each_other() {
 }
 
 #[test]
+fn a_secluded_participant_is_met_when_it_says_so_however_late_that_is() {
+    /// Where another participant of this host might listen: the last one of those that the DDS library tells itself.
+    const PLACE: u16 = 11;
+    for range in [DiscoveryRange::Localhost, DiscoveryRange::Subnet] {
+        let claimed = TestDomain::claim();
+        let domain = Domain { range, ..*claimed };
+        let place = UdpSocket::bind((Ipv4Addr::LOCALHOST, 7410 + 250 * domain.id + 2 * PLACE)).expect("a free port");
+        place.set_read_timeout(Some(PATIENCE)).expect("a socket");
+        let mut announcements = std::iter::repeat_with(|| {
+            let mut message = [0; 1024];
+            place.recv(&mut message).expect("announcements");
+            // Of whom, and whether of its presence.
+            (message[8..20].to_vec(), message[21] & 4 != 0)
+        });
+        let (early, late) = (participant(&domain, "early"), secluded(&domain, "late"));
+        let writer = late.writer("/test/late", TYPE, &Qos::command()).expect("a writer");
+        let guid = writer.guid().participant().to_vec();
+        assert!(announcements.any(|heard| heard == (guid.clone(), true)), "the library announces it all the same");
+        assert_eq!(late.discovered(), Graph::default(), "{range:?}");
+        late.meet_others();
+        wait_until("they are met", || late.discovered().has_node("/test/early"));
+        wait_until("they are met", || early.discovered().has_node("/test/late"));
+        // As the answers were over, somebody whom nobody has seen has asked for them, and has left again.
+        let stranger = [&guid[..2], &guid[2..].iter().map(|byte| !byte).collect::<Vec<_>>()].concat();
+        for is_here in [true, false] {
+            assert!(announcements.any(|heard| heard == (stranger.clone(), is_here)));
+        }
+    }
+}
+
+/// RustDDS announces a participant to the first 12 of the host.
+#[test]
+fn on_this_host_alone_more_than_twelve_find_each_other() {
+    const PARTICIPANTS: usize = 15;
+    let domain = TestDomain::claim();
+    let all: Vec<_> = (0..PARTICIPANTS).map(|number| participant(&domain, &format!("peer_{number}"))).collect();
+    wait_until("all nodes are found", || all.iter().all(|peer| peer.discovered().nodes.len() == PARTICIPANTS - 1));
+}
+
+#[test]
 fn nobody_is_found_with_discovery_off() {
     let domain = TestDomain::claim();
     let off = Domain { range: DiscoveryRange::Off, ..*domain };
@@ -237,13 +279,13 @@ fn nobody_is_found_with_discovery_off() {
         a.discovered().has_node("/test/b") && b.discovered().has_node("/test/a")
     });
     assert!(!a.discovered().has_node("/test/alone"));
-    assert_eq!(alone.discovered(), feeder_runtime::dds::Graph::default());
+    assert_eq!(alone.discovered(), Graph::default());
 }
 
 #[test]
 fn a_domain_beyond_the_last_port_is_refused() {
     let node = feeder_runtime::dds::NodeName::new("/test", "far").expect("a good name");
-    let domain = Domain { id: Domain::ID_MAX + 1, range: DiscoveryRange::Localhost };
+    let domain = Domain { id: Domain::ID_MAX + 1, ..*TestDomain::claim() };
     let error = feeder_runtime::dds::Participant::open(&domain, &node).expect_err("no such ports");
     assert!(error.to_string().contains("233"), "{error}");
 }

@@ -18,7 +18,7 @@ pub use load::{LoadError, Loaded, load, load_node, load_plan, load_untaught, loa
 pub use nodes::{
     CourierDriverConfig, DeliveryPlannerConfig, ImageTransport, OverheadManipulatorConfig, PartSimulatorConfig,
     PlannedRecipe, PlannedStation, PlatenArbiterConfig, RunMonitorConfig, ServedFeeder, SimulatedCamera,
-    VisionSelectorConfig, WaveformGeneratorConfig,
+    VisionSelectorConfig, WatchedGripper, WaveformGeneratorConfig,
 };
 
 /// Everything that runs, and how. Nothing is left to be looked up or derived.

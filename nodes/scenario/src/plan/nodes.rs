@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::check_count;
 use crate::placed::bulk_with;
-use crate::{PlacedPart, ScenarioError, SimulatedCourier, invalid};
+use crate::{Differences, PlacedPart, ScenarioError, SimulatedCourier, invalid};
 
 /// Configuration of the waveform generator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -95,7 +95,9 @@ pub struct SimulatedCamera {
     pub period_ms: u64,
     /// Quality of the compressed image, 1 to 100.
     pub jpeg_quality: u8,
-    /// Optics, size and place.
+    /// Optics, size and place as they were calibrated: what everybody is told.
+    pub calibrated: CameraModel,
+    /// Optics, size and place as they are.
     pub model: CameraModel,
     /// How tray and platen look.
     pub tray: TrayAppearance,
@@ -132,6 +134,8 @@ pub struct PartSimulatorConfig {
     pub seed: u64,
     /// The parts.
     pub part: PartSpec,
+    /// Friction between part and tray over that which the part states.
+    pub part_friction_ratio: f64,
     /// The tray and how it sits on the courier.
     pub tray: MountedTray,
     /// Where the tray is at first: x, y (m) and yaw (rad) on the platen.
@@ -158,6 +162,16 @@ pub struct PartSimulatorConfig {
 }
 
 impl PartSimulatorConfig {
+    /// The part, with the friction that it has.
+    ///
+    /// # Errors
+    /// A part that is none.
+    pub fn part_type(&self) -> Result<PartType, ScenarioError> {
+        let told = PartType::new(&self.part).map_err(|error| invalid("part", &error))?;
+        let differences = Differences { friction_ratio: self.part_friction_ratio, ..Differences::NONE };
+        differences.part(&told).map_err(|error| invalid("part", &error))
+    }
+
     /// The parts in bulk, with those placed but none loaded.
     ///
     /// # Errors
@@ -167,7 +181,7 @@ impl PartSimulatorConfig {
     }
 
     pub(super) fn check_values(&self) -> Result<(), ScenarioError> {
-        let part = PartType::new(&self.part).map_err(|error| invalid("part", &error))?;
+        let part = self.part_type()?;
         self.tray.validate().map_err(|error| invalid("tray", &error))?;
         self.parts_in_bulk(part.clone(), self.seed)?;
         check_count("camera", "period_ms", self.camera.period_ms, self.tick_ms, 10_000)?;
@@ -290,7 +304,7 @@ pub struct DeliveryPlannerConfig {
     pub part_diameter_m: f64,
     /// Largest height of the part as it lies, m.
     pub part_height_m: f64,
-    /// Coefficient of static friction between part and tray that moves reckon with.
+    /// Coefficient of static friction between part and tray that moves reckon with: the least that it may be.
     pub part_friction: f64,
     /// What the feeder can feed; the first is in force at the start.
     pub recipes: Vec<PlannedRecipe>,
@@ -375,6 +389,8 @@ pub struct OverheadManipulatorConfig {
     /// Width of its open gripper, m.
     #[schemars(range(min = 0.0, max = 0.5))]
     pub gripper_opening_m: f64,
+    /// Direction across which its jaws close on a part, in the part's own frame, rad.
+    pub jaws_yaw_rad: f64,
     /// Free gap that the open gripper needs between a part and the next, m.
     #[schemars(range(min = 0.0, max = 0.1))]
     pub part_gap_m_min: f64,
@@ -406,6 +422,16 @@ impl PlatenArbiterConfig {
     }
 }
 
+/// A simulated gripper as the run monitor knows it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct WatchedGripper {
+    /// Its station.
+    pub station: String,
+    /// Free gap that it needs, open, between a part and the next, m.
+    pub part_gap_m_min: f64,
+}
+
 /// Configuration of the run monitor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -421,6 +447,8 @@ pub struct RunMonitorConfig {
     /// Free gap that a gripper needs to the next part, m: the least of the stations', or what the selector asks for.
     #[schemars(range(min = 0.0, max = 0.1))]
     pub part_gap_m_min: f64,
+    /// The simulated manipulators.
+    pub grippers: Vec<WatchedGripper>,
     /// Radius of a disc about a courier's centre that covers courier and tray, m.
     pub footprint_radius_m: f64,
     /// Whether couriers share the platen, so that areas are reserved.

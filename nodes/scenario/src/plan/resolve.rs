@@ -7,7 +7,7 @@ use super::kinds::PlannedConfig;
 use super::nodes::{
     CourierDriverConfig, DeliveryPlannerConfig, ImageTransport, OverheadManipulatorConfig, PartSimulatorConfig,
     PlannedRecipe, PlannedStation, PlatenArbiterConfig, RunMonitorConfig, ServedFeeder, VisionSelectorConfig,
-    WaveformGeneratorConfig,
+    WatchedGripper, WaveformGeneratorConfig,
 };
 use super::{PlannedNode, Provenance, RunPlan};
 use crate::validate::check_taught;
@@ -41,7 +41,7 @@ impl Scenario {
             place(&feeder.namespace(), PlannedConfig::DeliveryPlanner(Box::new(feeder.delivery_planner(&part)?)));
         }
         for station in self.stations.iter().filter(|station| !station.external) {
-            let config = self.overhead_manipulator(station, &part);
+            let config = self.overhead_manipulator(station, &part)?;
             place(&format!("/{}", station.name), PlannedConfig::OverheadManipulator(Box::new(config)));
         }
         let tick_ms = self.time.tick_ms;
@@ -92,16 +92,17 @@ impl Scenario {
             feeder: self.feeder.clone(),
             seed: self.seed,
             part: self.part.spec().map_err(|error| invalid("part", &error))?,
+            part_friction_ratio: self.world.differences.friction_ratio,
             tray: self.tray,
             tray_start: self.courier.start,
-            bulk: self.bulk_settings(part)?,
+            bulk: self.bulk_settings(&self.world_part(part)?)?,
             parts_loaded: self.parts_loaded,
             parts_placed: self.parts_placed.clone(),
             refill_below: self.refill_below,
             hopper_m: self.delivery.feeding_place.xy(),
             pick_namespaces: calling.map(|station| self.pick_namespace(&station.name, &self.feeder)).collect(),
             entity_namespace: self.entity_namespace(),
-            camera: self.simulated_camera(),
+            camera: self.simulated_camera()?,
         })
     }
 
@@ -138,7 +139,7 @@ impl Scenario {
         let recipes = self.recipes(part).into_iter().map(|recipe| {
             let waveform = recipe
                 .waveform
-                .map(|waveform| waveform.design(&self.tray.geometry, self.believed_friction(part)))
+                .map(|waveform| waveform.design(&self.tray.geometry, self.believed_friction_min(part)))
                 .transpose();
             let waveform = waveform.map_err(|error| invalid("recipes", &error))?;
             let runs = waveform.clone().map_or_else(|| self.waveform(), Ok)?;
@@ -159,7 +160,7 @@ impl Scenario {
             part_class: part.name.clone(),
             part_diameter_m: 2.0 * part.outline_radius_m(),
             part_height_m: part.height_max_m(),
-            part_friction: self.believed_friction(part),
+            part_friction: self.believed_friction_min(part),
             recipes: recipes.collect::<Result<_, ScenarioError>>()?,
             tray: self.tray,
             limits: self.courier.limits,
@@ -172,12 +173,18 @@ impl Scenario {
         })
     }
 
-    fn overhead_manipulator(&self, station: &Station, part: &PartType) -> OverheadManipulatorConfig {
+    fn overhead_manipulator(
+        &self,
+        station: &Station,
+        part: &PartType,
+    ) -> Result<OverheadManipulatorConfig, ScenarioError> {
         let feeders = self
             .feeders_of(station)
             .into_iter()
             .map(|name| ServedFeeder { pick_namespace: self.pick_namespace(&station.name, &name), name });
-        OverheadManipulatorConfig {
+        let pose = self.asked_pose(part).ok_or_else(|| invalid("recipes", &"the first has no pose of the part"))?;
+        let gripper = &station.gripper;
+        Ok(OverheadManipulatorConfig {
             tick_ms: self.time.tick_ms,
             station: station.name.clone(),
             x_m: station.x_m,
@@ -186,19 +193,26 @@ impl Scenario {
             seed: self.seed,
             feeders: feeders.collect(),
             part_class: part.name.clone(),
-            pose_class: self.asked_pose(part),
-            gripper_opening_m: station.gripper.opening_m(part),
-            part_gap_m_min: station.gripper.room_m(part),
+            pose_class: pose.name.clone(),
+            gripper_opening_m: gripper.opening_m(&pose.outline),
+            jaws_yaw_rad: pose.outline.narrowest().1,
+            part_gap_m_min: gripper.room_m(&pose.outline),
             manipulator: station.manipulator,
-        }
+        })
     }
 
     fn run_monitor(&self, part: &PartType) -> Result<RunMonitorConfig, ScenarioError> {
+        let simulated = self.stations.iter().filter(|station| !station.external);
+        let watched = |station: &Station| {
+            let part_gap_m_min = station.gripper.room_m(&self.asked_pose(part)?.outline);
+            Some(WatchedGripper { station: station.name.clone(), part_gap_m_min })
+        };
         Ok(RunMonitorConfig {
             tick_ms: self.time.tick_ms,
             feeders: self.feeder_names().map(str::to_owned).collect(),
             tray: self.tray.geometry,
             part: self.part.spec().map_err(|error| invalid("part", &error))?,
+            grippers: simulated.filter_map(watched).collect(),
             part_gap_m_min: self.part_gap_m_min(part),
             footprint_radius_m: self.delivery.footprint_radius_m,
             arbitrated: self.is_arbitrated(),

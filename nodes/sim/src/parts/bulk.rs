@@ -1,6 +1,5 @@
 //! The parts on one tray: putting them on, taking them off, looking at them.
 
-use nalgebra::Vector2;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use thiserror::Error;
@@ -10,7 +9,7 @@ use super::impulse::ContactLaw;
 use super::placement::{LandingZone, LoadingBand, is_free, random_pose, random_yaw_rad};
 use super::touch::{Scratch, touch};
 use super::track::TrayPath;
-use crate::parts::{BulkSettings, Part, PickedPart, Place, motion_check, settings};
+use crate::parts::{BulkSettings, Missed, OpenGripper, Part, PickedPart, Place, motion_check, settings};
 use feeder_model::motion::MotionBlock;
 use feeder_model::part::PartType;
 use feeder_model::range::OutOfRange;
@@ -195,25 +194,16 @@ impl PartBulk {
         Ok(())
     }
 
-    /// Takes the part whose centre is nearest to (`x_m`, `y_m`) in the tray frame, if it is within `reach_m`. Falling
-    /// parts are out of reach.
-    pub fn pick(&mut self, x_m: f64, y_m: f64, reach_m: f64) -> Option<PickedPart> {
-        let reachable = self.parts.iter().enumerate().filter(|(_, part)| {
-            part.place != Place::Falling && part.squared_distance_m2(x_m, y_m) <= reach_m * reach_m
-        });
-        let (index, _) = reachable.min_by(|(_, a), (_, b)| {
-            let distance = |part: &Part| part.squared_distance_m2(x_m, y_m);
-            distance(a).total_cmp(&distance(b))
-        })?;
+    /// Closes a gripper, and takes the part that comes to lie between its jaws off the tray.
+    ///
+    /// # Errors
+    /// Nothing lies there, or a jaw comes down on what does. Nothing moves then.
+    pub fn pick(&mut self, gripper: &OpenGripper) -> Result<PickedPart, Missed> {
+        let index = gripper.taken(&self.parts, &self.part)?;
         let part = self.parts.remove(index);
         self.counters.picked += 1;
         self.parts_changed();
-        Some(PickedPart {
-            id: part.id,
-            pose: part.pose,
-            offset_m: part.position_m() - Vector2::new(x_m, y_m),
-            yaw_rad: part.yaw_rad,
-        })
+        Ok(PickedPart { id: part.id, pose: part.pose })
     }
 
     /// Takes a part off the tray, wherever it is. Returns whether there was one of this identity.

@@ -17,6 +17,7 @@
 mod body;
 mod bulk;
 mod contact;
+mod gripper;
 mod impulse;
 mod motion_check;
 mod observer;
@@ -33,6 +34,7 @@ mod walls;
 pub use feeder_model::tray::Place;
 
 pub use bulk::{Counters, Loaded, PartBulk, PutError};
+pub use gripper::{Missed, OpenGripper};
 pub use motion_check::{
     LARGEST_ACCELERATION_M_S2, LARGEST_YAW_ACCELERATION_RAD_S2, LARGEST_YAW_RATE_RAD_S, LONGEST_SAMPLE_PERIOD_S,
 };

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-use nalgebra::{Point2, Vector2};
+use nalgebra::{Isometry2, Point2, Vector2};
 
 use crate::parts::{Part, Place};
 use feeder_model::geometry::Outline;
-use feeder_model::geometry::convex::gap_m;
+use feeder_model::geometry::apart::gap_m;
 use feeder_model::part::PartType;
 use feeder_model::tray::TrayGeometry;
 
@@ -222,7 +222,7 @@ impl FeedObserver {
     /// If a part lies wholly on the plateau, with room for a gripper to every other part.
     fn has_room(&self, part: &Sighting, all: &[Sighting]) -> bool {
         let Some(outline) = self.outlines.get(part.pose) else { return false };
-        let corners = outline.placed_m(Point2::from(part.position_m), part.yaw_rad);
+        let corners = outline.at(&Isometry2::new(part.position_m, part.yaw_rad));
         let on_plateau = |corner: &Point2<f64>| {
             let angle_rad = corner.y.atan2(corner.x).rem_euclid(TAU);
             angle_rad >= self.tray.ramp_angle_rad
@@ -231,7 +231,7 @@ impl FeedObserver {
             let Some(beside) = self.outlines.get(other.pose) else { return true };
             let circles_m = (other.position_m - part.position_m).norm() - outline.radius_m - beside.radius_m;
             let decided = circles_m >= self.room_m || (outline.round && beside.round);
-            let exactly_m = || gap_m(&corners, &beside.placed_m(Point2::from(other.position_m), other.yaw_rad));
+            let exactly_m = || gap_m(&corners, &beside.at(&Isometry2::new(other.position_m, other.yaw_rad)));
             (if decided { circles_m } else { exactly_m() }) >= self.room_m
         };
         let mut others = all.iter().filter(|other| other.id != part.id && other.place != Place::Falling);

@@ -116,16 +116,12 @@ impl Part {
 }
 
 /// A part that has been taken off the tray.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PickedPart {
     /// Its identity.
     pub id: u32,
     /// Index into the stable poses of its type.
     pub pose: usize,
-    /// Centre of the part minus the point picked at, in tray axes, m.
-    pub offset_m: Vector2<f64>,
-    /// Heading in the tray frame, rad.
-    pub yaw_rad: f64,
 }
 
 #[cfg(test)]

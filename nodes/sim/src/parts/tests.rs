@@ -21,6 +21,7 @@ pub(super) fn disc(diameter_m: f64, friction: f64) -> PartType {
         density_kg_m3: 8000.0,
         friction_static: friction,
         friction_kinetic: friction,
+        friction_uncertainty_ratio: 0.1,
         reflectance: 0.5,
         shape: ShapeSpec::Solids(solids),
         poses: vec![PoseName { name: "up".to_owned(), up: [0.0, 0.0, 1.0] }],
@@ -39,6 +40,7 @@ pub(super) fn block(x_m: f64, y_m: f64, z_m: f64) -> PartType {
         density_kg_m3: 8000.0,
         friction_static: 0.2,
         friction_kinetic: 0.2,
+        friction_uncertainty_ratio: 0.1,
         reflectance: 0.5,
         shape: ShapeSpec::Solids(solids),
         poses: vec![PoseName { name: "flat".to_owned(), up: [0.0, 0.0, 1.0] }],
@@ -129,8 +131,9 @@ fn a_falling_part_waits_until_the_foot_of_the_ramp_is_free() {
     bulk.step(&resting(1000)).unwrap();
     assert_eq!(bulk.parts[1].place, Place::Falling);
     assert_eq!(bulk.counters.recirculated, 1);
-    assert!(bulk.pick(0.080, 0.0, 0.001).is_none(), "a falling part was picked");
-    bulk.pick(0.080, 0.004, 0.001).unwrap();
+    let gripper = |y_m: f64| OpenGripper { x_m: 0.080, y_m, yaw_rad: 0.0, opening_m: 0.008 };
+    assert_eq!(bulk.pick(&gripper(0.0)), Err(Missed::Nothing), "a falling part was picked");
+    bulk.pick(&gripper(0.004)).unwrap();
     bulk.step(&resting(20)).unwrap();
     assert_eq!((bulk.parts[0].place, bulk.falling), (Place::Ramp, 0));
     assert!((bulk.parts[0].y_m - 0.003).abs() < 1e-12);

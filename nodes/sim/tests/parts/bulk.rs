@@ -2,7 +2,9 @@
 
 use feeder_model::motion::{MotionBlock, MotionSample};
 use feeder_model::tray::TrayGeometry;
-use feeder_sim::parts::{BulkSettings, Counters, Loaded, Part, PartBulk, Place, PutError};
+use feeder_sim::parts::{
+    BulkSettings, Counters, Loaded, Missed, OpenGripper, Part, PartBulk, PickedPart, Place, PutError,
+};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
@@ -191,12 +193,12 @@ fn picking_takes_the_nearest_part_within_reach() {
         bulk.put(0.080, angle_rad, 0.5, 1).unwrap();
     }
     let centre = bulk.parts()[1].position_m();
-    assert_eq!(bulk.pick(0.0, 0.0, 0.05), None);
-    assert_eq!(bulk.pick(f64::NAN, 0.0, 1.0), None);
-    let picked = bulk.pick(centre.x + 0.001, centre.y, 0.1).unwrap();
-    assert_eq!((picked.id, picked.pose), (1, 1));
-    assert!((picked.offset_m.x + 0.001).abs() < 1e-12 && picked.offset_m.y.abs() < 1e-12);
-    assert_eq!(bulk.pick(centre.x, centre.y, 0.002), None);
+    let gripper = |x_m, y_m, opening_m| OpenGripper { x_m, y_m, yaw_rad: 0.0, opening_m };
+    assert_eq!(bulk.pick(&gripper(0.0, 0.0, 0.1)), Err(Missed::Nothing));
+    assert_eq!(bulk.parts().len(), 3);
+    let picked = bulk.pick(&gripper(centre.x + 0.001, centre.y, 0.1));
+    assert_eq!(picked, Ok(PickedPart { id: 1, pose: 1 }));
+    assert_eq!(bulk.pick(&gripper(centre.x, centre.y, 0.01)), Err(Missed::Nothing));
     assert_eq!(bulk.parts().iter().map(|part| part.id).collect::<Vec<_>>(), [0, 2]);
     assert_eq!(bulk.counters().picked, 1);
     // Identities are not used again.

@@ -116,6 +116,7 @@ pub(crate) fn spec(diameter_m: f64, friction: f64) -> PartSpec {
         density_kg_m3: 8000.0,
         friction_static: friction,
         friction_kinetic: friction,
+        friction_uncertainty_ratio: 0.1,
         reflectance: 0.5,
         shape: ShapeSpec::Solids(vec![
             layer([0.0, 0.1 * diameter_m], 0.2),

@@ -6,7 +6,7 @@ use super::super::surround::{DIRECTIONS, DISTANCES};
 use super::super::template::{Factors, Plane, PoseTemplate, SLANT_PLANES, texel_place_m, yaw_steps};
 use super::{Lesson, SHOWN_MIN, Seen, TeachError, Texel};
 use feeder_model::camera::single;
-use feeder_model::geometry::convex::distance_m;
+use feeder_model::geometry::apart::distance_m;
 
 /// What the pictures do not tell is taken to be alike at neighbouring yaws, and not to change with the slant: weights of
 /// those beliefs, in parts shown; and of the belief that the walls' shade lies on the plateau but on no part, in

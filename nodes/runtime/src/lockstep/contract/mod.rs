@@ -64,7 +64,12 @@ pub struct LoopContract {
     pub edges: Vec<LoopEdge>,
     /// Topics with more than one publisher, whose digest needs the payloads of all of them.
     pub shared_topics: Vec<String>,
+    /// Time without any progress after which the run is ended, as [`Patience`](crate::patience::Patience) counts it, s.
+    pub patience_s: u32,
 }
+
+/// The same where all nodes are on one host.
+pub(crate) const PATIENCE_S: u32 = 3;
 
 /// Why no loop can be built.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
@@ -187,6 +192,7 @@ impl LoopContract {
             nodes: nodes.iter().map(|(name, _)| name.clone()).collect(),
             edges: builder.edges,
             shared_topics: shared_topics(nodes),
+            patience_s: PATIENCE_S,
         })
     }
 

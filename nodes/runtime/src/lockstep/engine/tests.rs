@@ -21,7 +21,7 @@ type Seen = (usize, u16, Vec<u8>);
 fn contract(nodes: usize, edges: Vec<LoopEdge>, window_ticks: u64) -> LoopContract {
     let timing = LoopTiming { tick_ns: 10_000_000, forward_delay_ticks: 1, feedback_delay_ticks: 1, window_ticks };
     let nodes = (0..nodes).map(|node| format!("/n{node}")).collect();
-    LoopContract { run_id: RUN, timing, nodes, edges, shared_topics: Vec::new() }
+    LoopContract { run_id: RUN, timing, nodes, edges, shared_topics: Vec::new(), patience_s: 3 }
 }
 
 fn edge(from: usize, to: usize, delay_ticks: u64, ports: usize) -> LoopEdge {

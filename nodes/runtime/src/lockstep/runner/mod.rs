@@ -24,8 +24,9 @@ use crate::recording::Tap;
 const PROBE_PERIOD: Duration = Duration::from_millis(20);
 /// Between statuses while a node is blocked.
 const HEARTBEAT_PERIOD: Duration = Duration::from_millis(100);
-/// A node that hears no grant for this long, as [`Patience`] counts it, has lost its clock.
-const CLOCK_LIMIT: Duration = Duration::from_secs(5);
+/// A node that hears no grant for so much longer than the clock would wait for it, as [`Patience`] counts it, has lost its
+/// clock.
+const CLOCK_MARGIN: Duration = Duration::from_secs(2);
 /// The same when the process that started this one is gone as well: it was the clock's, as a rule.
 const ORPHAN_LIMIT: Duration = Duration::from_secs(1);
 /// The same before the first grant: the clock waits for all nodes, and gives up sooner than this.
@@ -119,6 +120,7 @@ pub(crate) struct Runner<N: FeederNode, L> {
     digest: Digest,
     tap: Option<Tap>,
     status_period_ticks: u64,
+    clock_limit: Duration,
     goal_tick: u64,
     made_at: Instant,
     /// The process that started this one.
@@ -158,6 +160,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             public,
             digest,
             tap: None,
+            clock_limit: Duration::from_secs(contract.patience_s.into()) + CLOCK_MARGIN,
             status_period_ticks: (contract.timing.window_ticks / 2).max(1),
             goal_tick: LoopStatus::NO_GOAL,
             now_ns: Arc::default(),
@@ -242,7 +245,7 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             self.attend()?;
             self.flush()?;
             let (period, limit) =
-                if self.started { (HEARTBEAT_PERIOD, CLOCK_LIMIT) } else { (PROBE_PERIOD, START_LIMIT) };
+                if self.started { (HEARTBEAT_PERIOD, self.clock_limit) } else { (PROBE_PERIOD, START_LIMIT) };
             if self.said_at.elapsed() >= period {
                 if !self.started {
                     for (edge, probe) in self.engine.probes() {

@@ -1,4 +1,4 @@
-//! Convex outlines, corners counter-clockwise, m: how far they are apart.
+//! Convex outlines, counter-clockwise: how far they are apart.
 
 use nalgebra::{Point2, Vector2};
 
@@ -23,7 +23,7 @@ pub fn distance_m(outline: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     signed_distance_m(outline, point).max(0.0)
 }
 
-/// The same, and inside how far from the outline, below 0.
+/// Distance of a point from a convex outline, m; inside it how far from its edge, below 0.
 #[must_use]
 pub fn signed_distance_m(outline: &[Point2<f64>], point: &Point2<f64>) -> f64 {
     let mut outside = outline.len() < 3;

@@ -1,5 +1,0 @@
-//! Bundles of the lockstep loop.
-
-#![no_main]
-
-libfuzzer_sys::fuzz_target!(|input: &[u8]| feeder_runtime::fuzzing::target("bundle")(input));

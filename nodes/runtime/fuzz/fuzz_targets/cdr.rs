@@ -1,5 +1,0 @@
-//! Messages in CDR.
-
-#![no_main]
-
-libfuzzer_sys::fuzz_target!(|input: &[u8]| feeder_runtime::fuzzing::target("cdr")(input));

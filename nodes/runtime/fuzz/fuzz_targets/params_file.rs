@@ -1,5 +1,0 @@
-//! Parameter files.
-
-#![no_main]
-
-libfuzzer_sys::fuzz_target!(|input: &[u8]| feeder_runtime::fuzzing::target("params_file")(input));

@@ -1,5 +1,0 @@
-//! Arguments after `--ros-args`.
-
-#![no_main]
-
-libfuzzer_sys::fuzz_target!(|input: &[u8]| feeder_runtime::fuzzing::target("ros_args")(input));

@@ -1,0 +1,5 @@
+//! What bags say of themselves.
+
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|input: &[u8]| feeder_tests::target("bag_metadata")(input));

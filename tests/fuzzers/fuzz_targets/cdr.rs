@@ -1,0 +1,5 @@
+//! Messages in CDR.
+
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|input: &[u8]| feeder_tests::target("cdr")(input));

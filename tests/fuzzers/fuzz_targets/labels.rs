@@ -1,0 +1,5 @@
+//! Tables of clicks.
+
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|input: &[u8]| feeder_tests::target("labels")(input));

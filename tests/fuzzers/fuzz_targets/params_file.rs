@@ -1,0 +1,5 @@
+//! Parameter files.
+
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|input: &[u8]| feeder_tests::target("params_file")(input));

@@ -1,0 +1,5 @@
+//! Samples of services of any vendor.
+
+#![no_main]
+
+libfuzzer_sys::fuzz_target!(|input: &[u8]| feeder_tests::target("wire")(input));
