@@ -5,14 +5,14 @@ use std::time::Duration;
 
 use nalgebra::{Rotation2, Vector2, Vector3};
 
-use super::super::choice::{CandidateFrame, OfferedPart, protected_parts};
+use super::super::choice::{OfferedPart, protected_parts};
 use super::super::leases::Trip;
 use super::super::plan::MovePlan;
 use super::super::plan_error::PlanError;
 use super::super::protocol::{Delivered, Failure, HandOver, Output, Warning};
 use super::super::request::{DeliveryId, MoveId, Stamp};
 use super::super::tour::Stop;
-use super::{DeliverySequencer, Planned, SequencerState, Slip, late};
+use super::{DeliverySequencer, Planned, SequencerState, late};
 use crate::platen::{Area, segment_distance_m};
 
 /// Corners of the way of a move, platen frame, m.
@@ -290,20 +290,6 @@ impl DeliverySequencer {
         if let Some(station) = served.map(|delivery| delivery.request.station.clone()) {
             self.pace.handed_over(&station, since, now);
         }
-    }
-
-    /// Takes a look at parts at rest that were not shaken since they were chosen from. If one has slid, moves reckon with less
-    /// friction from now on.
-    pub(super) fn watch_slip(&mut self, frame: &CandidateFrame) {
-        /// What is left of the friction believed in after a slip, and the least of what was believed at first.
-        const LOWERED: f64 = 0.9;
-        const LEAST: f64 = 0.3;
-        let Some(slid_m) = self.lying.as_mut().and_then(|lying| lying.look_again(frame)) else { return };
-        let believed = self.slip.map_or(self.config.gentle.friction, |slip| slip.friction);
-        let slip = Slip { slid_m, friction: (LOWERED * believed).max(LEAST * self.config.gentle.friction) };
-        self.planner = self.planner.clone().believing(slip.friction);
-        self.slip = Some(slip);
-        self.outputs.push(Output::Warning(slip.warning()));
     }
 
     /// A new round of feeding and carrying begins.

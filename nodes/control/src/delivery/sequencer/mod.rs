@@ -3,6 +3,7 @@
 mod carrying;
 mod feeding;
 mod inputs;
+mod slip;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -26,6 +27,7 @@ use crate::platen::Area;
 use feeder_model::motor::Load;
 use feeder_model::range::OutOfRange;
 use feeder_model::tray::TrayGeometry;
+use slip::Slip;
 
 /// An accepted request.
 #[derive(Clone, Debug)]
@@ -118,19 +120,6 @@ impl SequencerState {
             | Self::Presented { stops, .. } => stops.front().map(|planned| &planned.stop),
             _ => None,
         }
-    }
-}
-
-/// Parts have slid although they should have been held.
-#[derive(Clone, Copy, Debug)]
-struct Slip {
-    slid_m: f64,
-    friction: f64,
-}
-
-impl Slip {
-    fn warning(self) -> Warning {
-        Warning::Slipped { slid_m: self.slid_m, friction: self.friction }
     }
 }
 
@@ -296,12 +285,6 @@ impl DeliverySequencer {
     /// Takes how many parts there are in the feeder, as far as known.
     pub fn carry(&mut self, parts: u32) {
         self.arrival_watch.carry(parts);
-    }
-
-    /// What the planner found of the friction between parts and tray, if that is not as it was told.
-    #[must_use]
-    pub fn slip_trouble(&self) -> Option<String> {
-        self.slip.map(|slip| slip.warning().to_string())
     }
 
     /// Why the planner is in fault, if it is.
