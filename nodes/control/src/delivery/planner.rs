@@ -68,6 +68,11 @@ impl MovePlanner {
         self
     }
 
+    /// Whether friction holds the parts at these places in the tray (m) while the courier stands.
+    pub(super) fn holds_at_rest(&self, parts_in_tray: &[Vector2<f64>]) -> bool {
+        self.weakest(parts_in_tray, |_| Vector2::x()).is_ok()
+    }
+
     /// The same planner among obstacles.
     ///
     /// # Errors
