@@ -42,7 +42,9 @@ fn further_requests_of_a_station_are_served_on_the_same_trip() {
     let mut world = World::new(Faults::default(), config());
     let places_m = [(0.06, -0.03), (0.03, -0.06), (0.0, -0.07), (-0.03, -0.06), (-0.06, -0.03)];
     places_m.iter().for_each(|(x_m, y_m)| world.add_part(*x_m, *y_m));
-    places_m.iter().for_each(|_| drop(world.request("right", None)));
+    for _ in places_m {
+        world.request("right", None);
+    }
     world.run(20);
     assert_eq!(world.finished().iter().filter(|(_, result)| result.is_ok()).count(), 5);
     let returns = world.phases().iter().filter(|phase| **phase == Phase::Returning).count();
