@@ -103,9 +103,9 @@ fn a_run_is_recorded_whole_in_either_layout_and_every_reader_reads_it() {
 /// A file is named by its folder, so both have the same.
 #[test]
 fn the_same_seed_leaves_the_same_bytes() {
-    let [first, second] = [(), ()].map(|()| {
+    let [first, second, in_processes] = ["--composed", "--composed", ""].map(|form| {
         let (work, folder) = place("bag");
-        let options = format!("--duration 4 --composed {WITHOUT_RAW} --record {}", folder.display());
+        let options = format!("--duration 4 {form} {WITHOUT_RAW} --record {}", folder.display());
         Up::new(&options).success();
         let files: BTreeMap<PathBuf, Vec<u8>> = walk(&folder)
             .into_iter()
@@ -113,9 +113,11 @@ fn the_same_seed_leaves_the_same_bytes() {
             .collect();
         files
     });
-    assert_eq!(first.keys().collect::<Vec<_>>(), second.keys().collect::<Vec<_>>());
-    for (file, bytes) in &first {
-        assert!(bytes == &second[file], "{} differs", file.display());
+    for other in [second, in_processes] {
+        assert_eq!(first.keys().collect::<Vec<_>>(), other.keys().collect::<Vec<_>>());
+        for (file, bytes) in &first {
+            assert!(bytes == &other[file], "{} differs", file.display());
+        }
     }
 }
 

@@ -16,8 +16,7 @@ import time
 KINDS = ["random", "truncated", "lengths", "encapsulation", "mutated", "huge-fragment", "far-heartbeat", "far-gap", "endpoints", "flood"]
 SPDP_WRITER, SPDP_READER = b"\x00\x01\x00\xc2", b"\x00\x01\x00\xc7"
 PUBLICATIONS_WRITER, PUBLICATIONS_READER = b"\x00\x00\x03\xc2", b"\x00\x00\x03\xc7"
-DATA, DATA_FRAG, HEARTBEAT, GAP, INFO_DST = 0x15, 0x16, 0x07, 0x08, 0x0E
-PARTICIPANTS = 40
+DATA, DATA_FRAG, HEARTBEAT, GAP = 0x15, 0x16, 0x07, 0x08
 
 
 def sequence(number):
@@ -45,7 +44,7 @@ def locator(address, port):
 class Stranger:
     """A participant that is nobody's friend."""
 
-    def __init__(self, domain, host, chance):
+    def __init__(self, domain, host, participants, chance):
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.connect((host, 7400))
         address = self.socket.getsockname()[0]
@@ -57,7 +56,7 @@ class Stranger:
         self.host, self.domain = host, domain
         self.prefix = b"\x01\x10" + bytes(chance.randrange(256) for _ in range(10))
         self.header = b"RTPS\x02\x03\x01\x10" + self.prefix
-        ports = [7400 + 250 * domain + 10 + 2 * number for number in range(PARTICIPANTS)]
+        ports = [7400 + 250 * domain + 10 + 2 * number for number in range(participants)]
         self.discovery, self.user = ports, [port + 1 for port in ports]
         self.sent = self.bytes = 0
 
@@ -119,12 +118,13 @@ def main():
     parser.add_argument("--host", default="127.0.0.1")
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--rate", type=float, default=2000.0, help="messages a second to each participant")
+    parser.add_argument("--participants", type=int, default=40, help="how many of the host are sent to")
     parser.add_argument("--topic", default="rq/feeder/courier_driver/set_parametersRequest")
     parser.add_argument("--type", default="rcl_interfaces::srv::dds_::SetParameters_Request_")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     chance = random.Random(arguments.seed)
-    stranger = Stranger(arguments.domain, arguments.host, chance)
+    stranger = Stranger(arguments.domain, arguments.host, arguments.participants, chance)
     anyone = b"\0\0\0\0"
     writer = stranger.writer(1)
     for _ in range(3):

@@ -28,6 +28,7 @@ def scenario(base, feeders, simulated):
     plan["seed"], plan["feeder"] = 1, "feeder_1"
     plan["run"] = {"duration_s": simulated}
     plan["courier"]["limits"] = {"x_m_min": -1.0, "x_m_max": room, "y_m_min": -1.0, "y_m_max": room}
+    plan["courier"]["limits"]["tether_length_m"] = min(20.0, 4.0 * room)
     plan["courier"]["start"] = [0.0, 0.0, 0.0]
     plan["delivery"]["feeding_place"] = [0.0, 0.0, 0.0]
     plan["camera"]["model"]["pose"] = {"x_m": 0.0, "y_m": -0.045, "height_m": 0.5}
@@ -61,9 +62,10 @@ def main():
     parser.add_argument("--feeder", required=True)
     parser.add_argument("--base", default="launch_configs/three_feeders.yaml")
     parser.add_argument("--simulated", type=float, default=5.0)
+    parser.add_argument("--patience", type=float, default=400.0, help="seconds for one cell")
     parser.add_argument("--processes", action="store_true", help="a process for each node")
     arguments = parser.parse_args()
-    print("feeders  start s  factor  of each  delivered  datagrams  MB    lost in buffers  end")
+    print("feeders  start s  factor  of all  delivered  reserve s  datagrams until start, per simulated s  MB  lost in buffers  end")
     for size in arguments.sizes:
         with tempfile.TemporaryDirectory() as folder:
             os.symlink(os.path.abspath(os.path.join(os.path.dirname(arguments.base), "models")), f"{folder}/models")
@@ -72,15 +74,28 @@ def main():
             command = [arguments.feeder, "up", "--plain", "--scenario", f"{folder}/cell.yaml", "--summary", f"{folder}/s.json"]
             command += [] if arguments.processes else ["--composed"]
             environment = dict(os.environ, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", ROS_DOMAIN_ID="81", NO_COLOR="1")
-            before, began = received(), time.monotonic()
-            run = subprocess.run(command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=500)
-            count, size_bytes, lost = (after - first for after, first in zip(received(), before))
+            began, seen = time.monotonic(), [(0.0, received())]
+            with open(f"{folder}/log", "w+") as log:
+                run = subprocess.Popen(command, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+                while run.poll() is None and time.monotonic() < began + arguments.patience:
+                    time.sleep(0.02)
+                    seen.append((time.monotonic() - began, received()))
+                run.kill()
+                run.wait()
+                log.seek(0)
+                said = log.read().strip().splitlines()
             summary = json.load(open(f"{folder}/s.json")) if os.path.exists(f"{folder}/s.json") else {}
-            factor = summary.get("real_time_factor") or 0.0
-            end = "well" if run.returncode == 0 else (run.stderr.strip().splitlines() or ["?"])[-1][:160]
+            factor, startup = summary.get("real_time_factor") or 0.0, summary.get("startup_s") or 0.0
+            first, last = seen[0][1], seen[-1][1]
+            at_start = max((entry for entry in seen if entry[0] <= startup), default=seen[0])[1]
+            coming_up, running = at_start[0] - first[0], (last[0] - at_start[0]) / arguments.simulated
+            reserve = (summary.get("per_delivery_s") or {}).get("reserve")
+            reasons = [line for line in said if any(word in line for word in ["panicked", "memory allocation", "error:"])] or said[-1:] or ["?"]
+            end = "well" if run.returncode == 0 else reasons[0][:160]
             print(
-                f"{size:7d}  {summary.get('startup_s') or 0:7.1f}  {factor:6.2f}  {factor * size:7.1f}  {summary.get('delivered', 0):9d}  "
-                f"{count:9d}  {size_bytes / 1e6:4.0f}  {lost:15d}  {end}",
+                f"{size:7d}  {startup:7.1f}  {factor:6.2f}  {factor * size:6.1f}  {summary.get('delivered', 0):9d}  "
+                f"{'-' if reserve is None else format(reserve, '.2f'):>9s}  {coming_up:21d}  {running:16.0f}  "
+                f"{(last[1] - first[1]) / 1e6:4.0f}  {last[2] - first[2]:15d}  {end}",
                 flush=True,
             )
 

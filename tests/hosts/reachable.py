@@ -19,7 +19,7 @@ STRANGER = """
 import random, socket, sys, time
 sys.path.insert(0, sys.argv[1])
 from attack import Stranger
-stranger = Stranger(74, "10.71.0.1", random.Random(1))
+stranger = Stranger(74, "10.71.0.1", 40, random.Random(1))
 stranger.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
 stranger.socket.settimeout(0.1)
 heard, until = set(), time.monotonic() + 5

@@ -2,7 +2,7 @@
 
     python3 under_attack.py --feeder target/debug/feeder [--range LOCALHOST] [--seconds 5] [KIND...]
 
-Memory and CPU are those of all processes of the run, before, during and in the 5 s after the attack.
+Memory and CPU are those of all processes of the run, before, during and in the seconds after the attack.
 """
 
 import argparse
@@ -64,9 +64,10 @@ def main():
     parser.add_argument("--domain", type=int, default=47)
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--rate", type=float, default=2000.0)
+    parser.add_argument("--after", type=float, default=5.0, help="seconds to look on after the attack")
     parser.add_argument("--speed", default="1")
     arguments = parser.parse_args()
-    print("kind              datagrams  MiB before/during/after  largest  CPU before/during/after  simulated s in the 5 s after  end")
+    print("kind              datagrams  MiB before/during/after  largest  CPU before/during/after  factor  end")
     for kind in arguments.kinds or KINDS:
         row(kind, arguments)
 
@@ -81,14 +82,17 @@ def row(kind, arguments):
         before = watch(run, 3)
         attack = [sys.executable, f"{HERE}/attack.py", "--domain", str(arguments.domain), "--seconds", str(arguments.seconds)]
         attacker = subprocess.Popen([*attack, "--rate", str(arguments.rate), kind], stdout=subprocess.PIPE, text=True)
+        began = time.monotonic()
         during = watch(run, arguments.seconds + 60, attacker)
+        lived = time.monotonic() - began
         said = json.loads(attacker.communicate()[0])
         ended = time.monotonic()
-        after = watch(run, 5)
+        after = watch(run, arguments.after)
         took = time.monotonic() - ended
         end = "runs"
         if run.poll() is not None:
-            end = f"ended within {took:.1f} s"
+            # It is looked on until the run or the attack has ended.
+            end = f"ended within {lived + took:.1f} s of its first message"
         else:
             run.terminate()
             try:

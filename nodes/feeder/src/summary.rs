@@ -14,9 +14,9 @@ pub struct Summary {
     fed: u32,
     /// Distinct parts the selector saw on the plateau; for people only.
     #[serde(skip)]
-    seen: usize,
+    seen: u32,
     /// Distinct parts the selector called right.
-    selected: usize,
+    selected: u32,
     /// Parts picked.
     delivered: u32,
     /// Parts picked that lay in another pose than they were presented in.

@@ -154,16 +154,28 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow:
     if let Some(muster) = &mut muster {
         muster.wait(stop)?;
     }
-    let mut pace = Pace::of(args);
+    again_until_up(Pace::of(args), can_start_again(args), stop, |pace| {
+        attempt(plan, args, pace, stop, domain, shown.as_ref(), muster.as_mut())
+    })
+}
+
+/// Makes one attempt after the other, until one has come up or there were [`STARTS_MAX`] of them, and anew after a reset.
+fn again_until_up(
+    mut pace: Pace,
+    can_start_again: bool,
+    stop: &AtomicBool,
+    mut attempt: impl FnMut(Pace) -> anyhow::Result<Attempt>,
+) -> anyhow::Result<Ended> {
     let mut starts = 1;
     loop {
-        let Attempt { ended, again } = attempt(plan, args, pace, stop, domain, shown.as_ref(), muster.as_mut())?;
+        let Attempt { ended, again } = attempt(pace)?;
+        let is_told = stop.load(Ordering::Relaxed);
         match again {
-            Some(Again::NotUp(why)) if starts < STARTS_MAX && can_start_again(args) => {
+            Some(Again::NotUp(why)) if starts < STARTS_MAX && can_start_again && !is_told => {
                 starts += 1;
                 tracing::warn!("{why}; the nodes are started again: start {starts} of {STARTS_MAX}");
             }
-            Some(Again::Reset(now)) if ended.outcome.is_ok() && !stop.load(Ordering::Relaxed) => {
+            Some(Again::Reset(now)) if ended.outcome.is_ok() && !is_told => {
                 (pace, starts) = (now, 1);
                 tracing::info!("the run is started again, as a reset was asked for");
             }
@@ -292,4 +304,75 @@ pub(crate) fn connect(plan: &RunPlan) -> anyhow::Result<LoopContract> {
 
 pub(crate) fn write(file: &Path, text: &str) -> anyhow::Result<()> {
     std::fs::write(file, text).with_context(|| format!("cannot write {}", file.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn attempt(again: Option<Again>, outcome: anyhow::Result<()>) -> Attempt {
+        let (progress, none) = (Progress::default(), Duration::ZERO);
+        let summary = Summary::new(&progress, false, 0, 1, none, none);
+        Attempt { ended: Ended { summary, progress, outcome }, again }
+    }
+
+    fn not_up() -> Attempt {
+        attempt(
+            Some(Again::NotUp("/feeder/vision_selector has not come up".to_owned())),
+            Err(anyhow::anyhow!("not up")),
+        )
+    }
+
+    fn came_up() -> Attempt {
+        attempt(None, Ok(()))
+    }
+
+    fn reset() -> Attempt {
+        attempt(Some(Again::Reset(Pace::of(&UpArgs::default()))), Ok(()))
+    }
+
+    /// How many attempts were made of these, and whether the last was a good one.
+    fn tried(attempts: Vec<Attempt>, can_start_again: bool, is_told: bool) -> (usize, bool) {
+        let all = attempts.len();
+        let mut attempts = attempts.into_iter();
+        let pace = Pace::of(&UpArgs::default());
+        let ended = again_until_up(pace, can_start_again, &AtomicBool::new(is_told), |_| {
+            attempts.next().context("no attempt was to be made any more")
+        });
+        (all - attempts.len(), ended.unwrap().outcome.is_ok())
+    }
+
+    #[test]
+    fn nodes_that_did_not_come_up_are_started_again_and_given_up_after_three_starts() {
+        assert_eq!(tried(vec![came_up(), came_up()], true, false), (1, true));
+        assert_eq!(tried(vec![not_up(), came_up(), came_up()], true, false), (2, true));
+        assert_eq!(tried(vec![not_up(), not_up(), came_up()], true, false), (3, true));
+        assert_eq!(tried(vec![not_up(), not_up(), not_up(), came_up()], true, false), (3, false));
+    }
+
+    #[test]
+    fn nodes_are_not_started_again_in_one_process_on_record_or_when_the_user_wants_to_leave() {
+        let args = |options: &[&str]| <UpCommand as clap::Parser>::parse_from([&["up"], options].concat()).args;
+        for (options, can) in [(&[] as &[&str], true), (&["--composed"], false), (&["--record", "bag"], false)] {
+            assert_eq!(can_start_again(&args(options)), can, "{options:?}");
+        }
+        assert_eq!(tried(vec![not_up(), came_up()], false, false), (1, false));
+        assert_eq!(tried(vec![not_up(), came_up()], true, true), (1, false));
+    }
+
+    #[test]
+    fn starts_are_counted_anew_after_a_reset_and_a_run_that_failed_is_not_reset() {
+        let twice = [not_up(), not_up(), reset(), not_up(), not_up(), came_up()];
+        assert_eq!(tried(Vec::from(twice), true, false), (6, true));
+        // Where nodes are threads too.
+        assert_eq!(tried(vec![reset(), came_up()], false, false), (2, true));
+        let failed = Attempt { ended: attempt(None, Err(anyhow::anyhow!("ended"))).ended, ..reset() };
+        assert_eq!(tried(vec![failed, came_up()], true, false), (1, false));
+    }
+
+    #[derive(clap::Parser)]
+    struct UpCommand {
+        #[command(flatten)]
+        args: UpArgs,
+    }
 }

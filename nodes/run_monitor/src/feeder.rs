@@ -1,6 +1,5 @@
 //! What the monitor hears of one feeder, and tells of its score.
 
-use std::collections::BTreeSet;
 use std::fmt::Display;
 
 use feeder_model::part::PartType;
@@ -122,13 +121,12 @@ impl FeederMonitor {
     }
 
     fn message(&self, io: &StepIo) -> RunProgress {
-        let count = |set: &BTreeSet<u32>| u32::try_from(set.len()).unwrap_or(u32::MAX);
         let progress = self.progress();
         RunProgress {
             header: io.header(""),
             fed: progress.fed,
-            seen: count(&progress.seen),
-            selected: count(&progress.selected),
+            seen: progress.seen,
+            selected: progress.selected,
             delivered: progress.delivered,
             wrong_pose_delivered: progress.wrong_pose_delivered,
             max_slip_m: progress.max_slip_m.unwrap_or(-1.0),

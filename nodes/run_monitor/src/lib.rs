@@ -79,9 +79,8 @@ impl FeederNode for RunMonitor {
             platen.watch(io, self.feeders.iter().map(FeederMonitor::place_m), &mut self.progress);
         }
         if let Some(shown) = &self.shown {
-            self.progress.feeders.clear();
-            self.progress.feeders.extend(self.feeders.iter().map(|feeder| feeder.progress().clone()));
-            shown.lock().unwrap_or_else(PoisonError::into_inner).clone_from(&self.progress);
+            let feeders = self.feeders.iter().map(|feeder| feeder.progress().clone()).collect();
+            *shown.lock().unwrap_or_else(PoisonError::into_inner) = Progress { feeders, ..self.progress.clone() };
         }
         if io.tick().is_multiple_of(PROGRESS_TICKS) {
             for feeder in &self.feeders {

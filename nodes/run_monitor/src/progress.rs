@@ -1,6 +1,6 @@
 //! How a run has gone so far.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::feed::Feed;
@@ -52,10 +52,10 @@ pub struct FeederProgress {
     pub name: String,
     /// Entries to the plateau.
     pub fed: u32,
-    /// Parts that the selector saw.
-    pub seen: BTreeSet<u32>,
-    /// Parts that the selector called right.
-    pub selected: BTreeSet<u32>,
+    /// Distinct parts that the selector saw.
+    pub seen: u32,
+    /// Distinct parts that the selector called right.
+    pub selected: u32,
     /// Parts picked.
     pub delivered: u32,
     /// Parts picked in another pose than they were presented in.
@@ -93,7 +93,8 @@ pub struct FeederProgress {
     pub trips: Trips,
     /// How well the feeder feeds and the selector selects.
     pub feed: Feed,
-    /// The same at every second of simulated time: stamp (s) and figures.
+    /// The same in the course of the run: stamp (s) and figures, at most a thousand times, at every second of simulated time
+    /// while that is enough.
     pub history: Arc<Vec<(f64, Feed)>>,
 }
 
@@ -133,14 +134,14 @@ impl Progress {
 
     /// Distinct parts that the selector saw.
     #[must_use]
-    pub fn seen(&self) -> usize {
-        self.feeders.iter().map(|feeder| feeder.seen.len()).sum()
+    pub fn seen(&self) -> u32 {
+        self.sum(|feeder| feeder.seen)
     }
 
     /// Distinct parts that the selector called right.
     #[must_use]
-    pub fn selected(&self) -> usize {
-        self.feeders.iter().map(|feeder| feeder.selected.len()).sum()
+    pub fn selected(&self) -> u32 {
+        self.sum(|feeder| feeder.selected)
     }
 
     /// How well the drivers know where their couriers are.

@@ -19,6 +19,8 @@ use crate::truth::Truth;
 
 /// Time between figures on how well the feeder feeds, ns.
 const METRICS_NS: u64 = 1_000_000_000;
+/// How many of them are kept of a run: where it is longer, they are further apart.
+const HISTORY_MAX: usize = 1_000;
 
 /// Scores one feeder by what the truth and the feeder's nodes say, in the order in which it came.
 pub(crate) struct FeederScore {
@@ -31,6 +33,12 @@ pub(crate) struct FeederScore {
     feed: FeedScore,
     /// When the next figures on how well the feeder feeds are due, ns.
     metrics_ns: u64,
+    /// Every so many of these figures are kept, and so many have come since.
+    noted_every: u32,
+    since_noted: u32,
+    /// Parts that the selector saw, and those it called right.
+    seen: BTreeSet<u32>,
+    selected: BTreeSet<u32>,
     /// Parts in the feeder, and those that were picked.
     present: BTreeSet<u32>,
     picked: BTreeSet<u32>,
@@ -53,6 +61,10 @@ impl FeederScore {
             truth: Truth::default(),
             feed: FeedScore::new(config.tray, part, config.part_gap_m_min),
             metrics_ns: METRICS_NS,
+            noted_every: 1,
+            since_noted: 0,
+            seen: BTreeSet::new(),
+            selected: BTreeSet::new(),
             present: BTreeSet::new(),
             picked: BTreeSet::new(),
             active_since_ns: 0,
@@ -78,9 +90,30 @@ impl FeederScore {
         if is_full {
             self.metrics_ns += METRICS_NS;
             self.progress.feed = self.feed.feed();
-            Arc::make_mut(&mut self.progress.history).push((time_s, self.progress.feed.clone()));
+            self.note_in_history(time_s);
         }
         is_full
+    }
+
+    fn note_in_history(&mut self, time_s: f64) {
+        self.since_noted += 1;
+        if self.since_noted < self.noted_every {
+            return;
+        }
+        self.since_noted = 0;
+        let history = Arc::make_mut(&mut self.progress.history);
+        if history.len() == HISTORY_MAX {
+            // The second of each two stays, and the next one comes as long after the last as they are apart.
+            let mut stays = true;
+            history.retain(|_| {
+                stays = !stays;
+                stays
+            });
+            self.since_noted = self.noted_every;
+            self.noted_every *= 2;
+            return;
+        }
+        history.push((time_s, self.progress.feed.clone()));
     }
 
     /// Looks for parts that are gone without a pick, or back after one.
@@ -137,10 +170,8 @@ impl FeederScore {
                 self.feed.selected(part);
             }
             let Some((id, _)) = part else { continue };
-            self.progress.seen.insert(id);
-            if called_right {
-                self.progress.selected.insert(id);
-            }
+            self.progress.seen += u32::from(self.seen.insert(id));
+            self.progress.selected += u32::from(called_right && self.selected.insert(id));
         }
     }
 
@@ -392,11 +423,11 @@ mod tests {
         score.hear_selector(10, &[called(0.070, &other_name, clear)]);
         score.hear_selector(10, &[called(0.070, &right_name, Refusals { part_too_near: true, ..clear })]);
         score.hear_selector(15, &[called(0.070, &right_name, clear)]);
-        assert_eq!((feed(&score), score.progress.selected.len(), score.progress.seen.len()), ((0, 0), 0, 1));
+        assert_eq!((feed(&score), score.progress.selected, score.progress.seen), ((0, 0), 0, 1));
         // As often as it is called right, once a lap.
         score.hear_selector(10, &[called(0.070, &right_name, clear)]);
         score.hear_selector(10, &[called(0.070, &right_name, clear)]);
-        assert_eq!((feed(&score), score.progress.selected.len()), ((1, 0), 1));
+        assert_eq!((feed(&score), score.progress.selected), ((1, 0), 1));
         score.hear_selector(10, &[called(0.085, &right_name, clear)]);
         assert_eq!(feed(&score), (1, 1));
         // Nothing is there.
@@ -423,5 +454,19 @@ mod tests {
         let due: Vec<u64> = (0..=300).filter(|tick| score.learn(tick * 10_000_000, &truth(&[]))).collect();
         assert_eq!(due, [100, 200, 300]);
         assert_eq!(score.progress.history.len(), 3);
+    }
+
+    #[test]
+    fn however_long_a_run_is_its_history_is_bounded_and_even() {
+        let mut score = score();
+        let mut longest = 0;
+        for second in 1..=5 * HISTORY_MAX as u64 {
+            score.learn(second * METRICS_NS, &truth(&[]));
+            longest = longest.max(score.progress.history.len());
+        }
+        assert_eq!(longest, HISTORY_MAX);
+        let stamps_s: Vec<f64> = score.progress.history.iter().map(|(time_s, _)| *time_s).collect();
+        assert!(stamps_s.windows(2).all(|pair| (pair[1] - pair[0] - 8.0).abs() < 1e-9), "{stamps_s:?}");
+        assert!(stamps_s[0] <= 8.0 && stamps_s[stamps_s.len() - 1] > 4_990.0, "{stamps_s:?}");
     }
 }

@@ -25,6 +25,13 @@ struct PublicWriter {
     lost: Arc<Counter>,
 }
 
+impl PublicWriter {
+    /// A latched message is also for those who will come.
+    fn is_heard(&self) -> bool {
+        self.qos.durability == Durability::TransientLocal || self.writer.matched_readers() > 0
+    }
+}
+
 impl PublicSide {
     /// Opens writers for all published ports, and servers whose requests go to `inbox`.
     pub(crate) fn open(
@@ -55,16 +62,15 @@ impl PublicSide {
         self.servers.iter().map(Server::replies_on_the_way).sum()
     }
 
-    /// Whether anybody outside the loop hears what `port` publishes.
-    pub(crate) fn has_readers(&self, port: usize) -> bool {
-        self.writers[port].as_ref().is_some_and(|public| public.writer.matched_readers() > 0)
+    /// Whether anybody outside the loop hears what `port` publishes, or will come to hear it.
+    pub(crate) fn is_heard(&self, port: usize) -> bool {
+        self.writers[port].as_ref().is_some_and(PublicWriter::is_heard)
     }
 
-    /// Publishes for everybody who hears it; a latched message also for those who will come.
+    /// Publishes for everybody who hears it.
     pub(crate) fn publish(&mut self, port: usize, payload: Bytes) {
         let Some(public) = &mut self.writers[port] else { return };
-        let latched = public.qos.durability == Durability::TransientLocal;
-        if !latched && public.writer.matched_readers() == 0 {
+        if !public.is_heard() {
             return;
         }
         match public.writer.publish(payload) {

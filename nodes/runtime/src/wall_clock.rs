@@ -240,7 +240,7 @@ impl<N: FeederNode> WallRunner<N> {
             }
         }
         for port in 0..self.clients.len() {
-            self.io.note_wanted(port, self.public.has_readers(port));
+            self.io.note_wanted(port, self.public.is_heard(port));
         }
         self.node.step(&mut self.io).map_err(RunError::Node)?;
         self.io.end();

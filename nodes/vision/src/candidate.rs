@@ -8,7 +8,7 @@ use super::health::FrameHealth;
 use super::modes::{BLUR, BLUR_SPREAD_PX2, Light, SCALE, SCALE_SPREAD, size_off};
 use super::room::measure_gaps;
 use super::view::View;
-use feeder_model::camera::single;
+use feeder_model::camera::{MountedTray, single};
 
 /// How far into a wall a part that touches it may be measured, px.
 const WALL_MISS_PX: f64 = 1.5;
@@ -30,6 +30,8 @@ const ALONE_COST_MAX: f32 = 1.25;
 /// A part must fit worse at another yaw by this share of what its template says: half way between 0 for what looks the same at
 /// both and what blunt edges leave of 1.
 const YAW_LEAD_SHARE_MIN: f32 = 0.3;
+/// So much of a part's figure must be seen: half way between the part and a blank.
+const FIGURE_SHARE_MIN: f32 = 0.5;
 
 /// A part as one frame shows it, in the tray frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,23 +78,11 @@ pub(super) fn judge(
     found: &[Found],
 ) -> (Vec<Candidate>, FrameHealth) {
     let m_per_px = detector.camera.m_per_px(detector.tray.plateau_height_m());
-    let geometry = &detector.tray.geometry;
     let mut candidates = Vec::with_capacity(found.len());
     let mut outlines = Vec::with_capacity(found.len());
     for part in found {
         let outline = detector.outline(part.pose, part.fit.centre, part.fit.yaw_rad);
-        let wall_gap_m = outline
-            .iter()
-            .map(|corner| {
-                (geometry.outer_radius_m - corner.coords.norm()).min(corner.coords.norm() - geometry.inner_radius_m)
-            })
-            .fold(f64::INFINITY, f64::min);
-        // A part cannot lie in a wall.
-        if wall_gap_m < -WALL_MISS_PX * m_per_px {
-            continue;
-        }
-        let beyond_m =
-            outline.iter().map(|corner| detector.tray.inside_sector_m(*corner)).fold(f64::INFINITY, f64::min);
+        let Some(wall_gap_m) = wall_gap_m(&outline, &detector.tray, m_per_px) else { continue };
         let (pose, confidence) = recognise(detector, part, config);
         candidates.push(Candidate {
             x_m: part.fit.centre.x,
@@ -103,12 +93,29 @@ pub(super) fn judge(
             confidence,
             part_gap_m: f64::INFINITY,
             wall_gap_m,
-            on_plateau: beyond_m >= -SECTOR_MISS_PX * m_per_px,
+            on_plateau: is_on_plateau(&outline, &detector.tray, m_per_px),
         });
         outlines.push((part.pose, outline));
     }
     let (own_px, foreign_px) = measure_gaps(detector, view, &outlines, &mut candidates);
     (candidates, health(detector, view, config, found, own_px, foreign_px))
+}
+
+/// Free gap from an outline to the nearer wall, m; nothing for one farther in a wall than is measured wrongly: a part cannot lie
+/// there.
+fn wall_gap_m(outline: &[Point2<f64>], tray: &MountedTray, m_per_px: f64) -> Option<f64> {
+    let walls = &tray.geometry;
+    let gap_m = |corner: &Point2<f64>| {
+        let radius_m = corner.coords.norm();
+        (walls.outer_radius_m - radius_m).min(radius_m - walls.inner_radius_m)
+    };
+    let gap_m = outline.iter().map(gap_m).fold(f64::INFINITY, f64::min);
+    (gap_m >= -WALL_MISS_PX * m_per_px).then_some(gap_m)
+}
+
+/// Whether an outline lies wholly on the plateau, as well as that is measured.
+fn is_on_plateau(outline: &[Point2<f64>], tray: &MountedTray, m_per_px: f64) -> bool {
+    outline.iter().all(|corner| tray.inside_sector_m(*corner) >= -SECTOR_MISS_PX * m_per_px)
 }
 
 /// What the frame is worth, of whose uncovered foreground `own_px` belong to parts as their shade and `foreign_px` do not.
@@ -148,7 +155,8 @@ fn health(
 fn is_recognised(detector: &Detector, part: &Found, config: &SelectorConfig) -> bool {
     let miss_max = detector.sought[part.pose].template.miss_max + detector.sought[part.pose].noise_miss;
     let yaw_shows = [part.turned, part.yaw_lead].into_iter().flatten().all(|share| share >= YAW_LEAD_SHARE_MIN);
-    if part.fit.cost > miss_max || !yaw_shows {
+    let figure_shows = part.figure.is_none_or(|share| share >= FIGURE_SHARE_MIN);
+    if part.fit.cost > miss_max || !yaw_shows || !figure_shows {
         return false;
     }
     if detector.light == Light::Taught {
@@ -173,4 +181,59 @@ fn recognise(detector: &Detector, part: &Found, config: &SelectorConfig) -> (Opt
     let led =
         part.lead_ratio.map_or((part.lead - lead_min) / lead_min, |ratio| (ratio - LEAD_RATIO_MIN) / LEAD_RATIO_SURE);
     (Some(part.pose), f64::from(0.5 + 0.5 * matched.min(led).clamp(0.0, 1.0)))
+}
+
+#[cfg(test)]
+mod tests {
+    use feeder_model::tray::TrayGeometry;
+
+    use super::*;
+
+    const M_PER_PX: f64 = 0.0004;
+
+    fn tray() -> MountedTray {
+        MountedTray::new(TrayGeometry::PAPER)
+    }
+
+    /// A square of 4 mm about a place on the plateau, its sides along the radius and across it.
+    fn square(radius_m: f64, angle_rad: f64) -> Vec<Point2<f64>> {
+        let (sin, cos) = angle_rad.sin_cos();
+        let corner = |out_m: f64, across_m: f64| {
+            let (along, across) = (radius_m + out_m, across_m);
+            Point2::new(along * cos - across * sin, along * sin + across * cos)
+        };
+        [(-0.002, -0.002), (0.002, -0.002), (0.002, 0.002), (-0.002, 0.002)].map(|(a, b)| corner(a, b)).to_vec()
+    }
+
+    #[test]
+    fn the_gap_to_the_nearer_wall_is_that_of_the_nearest_corner_and_a_part_in_a_wall_is_none() {
+        let gap_m = |radius_m: f64| wall_gap_m(&square(radius_m, 4.5), &tray(), M_PER_PX);
+        // The corners of the outer side are farther out than its middle.
+        assert!((gap_m(0.080).unwrap() - (0.090 - 0.082_f64.hypot(0.002))).abs() < 1e-12);
+        // Those of the inner side too, which are all that is measured.
+        assert!((gap_m(0.040).unwrap() - (0.038_f64.hypot(0.002) - 0.030)).abs() < 1e-12);
+        // A pixel and a half is how far a part that touches may be measured in the wall.
+        for (outer_m, is_part) in [(0.0905, true), (0.0907, false)] {
+            assert_eq!(gap_m(outer_m - 0.002).is_some(), is_part, "{outer_m}");
+        }
+        for (inner_m, is_part) in [(0.0295, true), (0.0292, false)] {
+            assert_eq!(gap_m(inner_m + 0.002).is_some(), is_part, "{inner_m}");
+        }
+    }
+
+    #[test]
+    fn a_part_lies_on_the_plateau_if_none_of_its_corners_is_beyond_an_edge_by_more_than_half_a_pixel() {
+        // The plateau is the half of the tray from π to 2π; a square beside its end reaches beyond by so much.
+        let beside = |end_rad: f64, beyond_m: f64| {
+            let side = if end_rad > 4.0 { 1.0 } else { -1.0 };
+            let middle = Point2::new(side * 0.06, -0.002 + beyond_m);
+            let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
+            let outline = corners.map(|(x, y)| Point2::new(middle.x + 0.002 * x, middle.y + 0.002 * y));
+            is_on_plateau(&outline, &tray(), M_PER_PX)
+        };
+        for end_rad in [std::f64::consts::PI, std::f64::consts::TAU] {
+            assert!(beside(end_rad, -0.01) && beside(end_rad, 0.00019), "{end_rad}");
+            assert!(!beside(end_rad, 0.00021), "{end_rad}");
+        }
+    }
 }

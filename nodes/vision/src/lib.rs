@@ -23,6 +23,7 @@ mod modes;
 mod overlay;
 mod picture;
 mod pose_history;
+mod rival;
 mod room;
 mod rule;
 mod search;

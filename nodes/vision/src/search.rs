@@ -269,9 +269,13 @@ fn spread_cells(
     for row in 0..rows {
         across.fill(false);
         for line in pixels[row * STRIDE * width..].chunks(width).take(STRIDE) {
+            // What the cell before has marked is marked.
+            let mut marked_until = 0;
             for (cell, pixels) in line.chunks(STRIDE).take(columns).enumerate() {
                 if pixels.iter().any(|pixel| counts(*pixel)) {
-                    across[cell.saturating_sub(spread)..(cell + spread + 1).min(columns)].fill(true);
+                    let until = (cell + spread + 1).min(columns);
+                    across[cell.saturating_sub(spread).max(marked_until)..until].fill(true);
+                    marked_until = until;
                 }
             }
         }

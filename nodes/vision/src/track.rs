@@ -478,6 +478,31 @@ mod tests {
     }
 
     #[test]
+    fn of_two_things_near_a_part_the_nearer_is_the_part_and_of_two_parts_near_a_thing_the_nearer_is_the_thing() {
+        let gate_m = TrackerConfig::default().gate_m;
+        let ids = |tracked: &[TrackedCandidate]| -> Vec<(u64, f64)> {
+            tracked.iter().map(|tracked| (tracked.id, tracked.candidate.x_m)).collect()
+        };
+        let mut tracker = tracker(0);
+        show(&mut tracker, 0, &[Some(at(0.0))]);
+        let two = tracker.update(FRAME_S, &[at(0.6 * gate_m), at(-0.3 * gate_m)]);
+        assert_eq!(ids(&two), [(1, -0.3 * gate_m), (2, 0.6 * gate_m)]);
+        let one = tracker.update(2.0 * FRAME_S, &[at(0.2 * gate_m)]);
+        assert_eq!(ids(&one), [(2, 0.2 * gate_m)]);
+    }
+
+    #[test]
+    fn what_a_part_was_seen_to_do_outweighs_one_frame_and_one_frame_alone_is_not_sure() {
+        let mut tracker = tracker(0);
+        let first = show(&mut tracker, 0, &[Some(at(0.0))])[0];
+        assert!(first.pose == Some(0) && first.confidence < 0.8, "{first:?}");
+        show(&mut tracker, 1, &[Some(at(0.0)); 30]);
+        let off_m = 1e-3;
+        let share = show(&mut tracker, 31, &[Some(at(off_m))])[0].position_m.x / off_m;
+        assert!((0.4..0.9).contains(&share), "{share}");
+    }
+
+    #[test]
     fn evidence_of_earlier_frames_fades_but_outlives_a_single_one() {
         let mut tracker = tracker(0);
         let other = Candidate { pose: Some(1), ..at(0.0) };

@@ -11,7 +11,7 @@ use super::shape_error::ShapeError;
 use crate::range::{OutOfRange, check_range};
 
 /// Sides of the polygon that stands for a circle. Its area is 0.2 % short.
-const CIRCLE_SIDES: u32 = 64;
+pub(super) const CIRCLE_SIDES: u32 = 64;
 
 /// Most sides of a regular polygon.
 const SIDES_MAX: u32 = 360;

@@ -10,6 +10,7 @@ use parry3d_f64::shape::TriMesh;
 
 use super::PartMesh;
 use super::hull::{Face, HullError, laid_on};
+use super::solids::CIRCLE_SIDES;
 
 /// How far a turned point may lie from the surface, as a share of the part's radius, for the two to be the same. A
 /// circle drawn with 64 sides deviates by 0.12 %.
@@ -21,8 +22,8 @@ const COVERED: f64 = 1e-4;
 /// Two surfaces look the same if their reflectances differ by no more than this.
 const REFLECTANCE_TOLERANCE: f64 = 0.02;
 
-/// Highest order of symmetry told from full rotational symmetry.
-const ORDER_MAX: u32 = 12;
+/// Highest order of symmetry told from full rotational symmetry: a circle is drawn with so many sides.
+const ORDER_MAX: u32 = CIRCLE_SIDES;
 
 /// Most points compared: of larger meshes every so-manieth.
 const PROBES_MAX: usize = 400;
@@ -79,7 +80,9 @@ impl<'a> Symmetry<'a> {
         if holds(1.0) && holds(0.4) {
             return 0;
         }
-        (2..=ORDER_MAX).rev().find(|&order| holds(TAU / f64::from(order))).unwrap_or(1)
+        // A small turn moves no point far, whatever the shape: all its multiples must hold as well.
+        let repeats = |order: u32| (1..=order / 2).all(|steps| holds(TAU * f64::from(steps) / f64::from(order)));
+        (2..=ORDER_MAX).rev().find(|&order| repeats(order)).unwrap_or(1)
     }
 
     /// Whether lying on one face is the same as lying on the other, but for yaw.

@@ -36,6 +36,17 @@ fn bracket() -> PartMesh {
     ])
 }
 
+/// A wheel with so many teeth, `depth_m` high, the first few of which are broken off.
+fn gear(teeth: u32, depth_m: f64, broken: u32) -> PartMesh {
+    let corner = |index: u32| {
+        let is_tooth = index % 4 < 2 && index >= 4 * broken;
+        let radius_m = if is_tooth { 0.004 } else { 0.004 - depth_m };
+        let (sin, cos) = (2.0 * PI * f64::from(index) / f64::from(4 * teeth)).sin_cos();
+        [radius_m * cos, radius_m * sin]
+    };
+    mesh(vec![extruded(Loop::Polygon((0..4 * teeth).map(corner).collect()), vec![], [0.0, 0.001])])
+}
+
 #[test]
 fn verif_mass_properties_of_a_block() {
     let (x, y, z) = (0.004, 0.003, 0.002);
@@ -238,6 +249,13 @@ proptest! {
             prop_assert_eq!(a.yaw_symmetry, b.yaw_symmetry);
             prop_assert!((turn * a.up[0] - b.up[0]).norm() < 1e-6);
         }
+    }
+
+    /// A wheel looks the same as often as it has teeth, and one that lacks a tooth does once.
+    #[test]
+    fn a_wheel_has_as_many_yaws_as_teeth(teeth in 5_u32..48, depth_m in 0.000_2..0.000_6_f64) {
+        let yaws = |broken| stable_poses(&gear(teeth, depth_m, broken)).unwrap()[0].yaw_symmetry;
+        prop_assert_eq!((yaws(0), yaws(1)), (teeth, 1));
     }
 
     /// A part lies on its lowest points, and these surround its centre of mass.

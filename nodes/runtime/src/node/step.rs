@@ -252,8 +252,11 @@ impl StepIo {
             .collect()
     }
 
-    /// Publishes `message`.
+    /// Publishes `message`, if anybody would get it.
     pub fn publish<M: Message>(&mut self, publisher: &Publisher<M>, message: &M) {
+        if !self.wanted(publisher) {
+            return;
+        }
         if let Some(payload) = self.encode(message) {
             self.outputs.push(Output::Message { port: publisher.port, payload });
         }

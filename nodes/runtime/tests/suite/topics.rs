@@ -274,12 +274,36 @@ fn on_this_host_alone_more_than_twelve_find_each_other() {
 fn nobody_is_found_with_discovery_off() {
     let domain = TestDomain::claim();
     let off = Domain { range: DiscoveryRange::Off, ..*domain };
-    let (alone, a, b) = (participant(&off, "alone"), participant(&domain, "a"), participant(&domain, "b"));
+    let wide = Domain { range: DiscoveryRange::Subnet, ..*domain };
+    let alone = [participant(&off, "alone"), participant(&off, "alone_too")];
+    // These meet meanwhile.
+    let (a, b) = (participant(&domain, "a"), participant(&wide, "b"));
     wait_until("the others find each other", || {
         a.discovered().has_node("/test/b") && b.discovered().has_node("/test/a")
     });
-    assert!(!a.discovered().has_node("/test/alone"));
-    assert_eq!(alone.discovered(), Graph::default());
+    for other in [&a, &b] {
+        assert_eq!(other.discovered().nodes.len(), 1);
+    }
+    for alone in &alone {
+        assert_eq!(alone.discovered(), Graph::default());
+    }
+}
+
+#[test]
+fn on_one_host_those_who_look_further_are_heard_by_those_who_do_not() {
+    let narrow = TestDomain::claim();
+    let wide = Domain { range: DiscoveryRange::Subnet, ..*narrow };
+    for (talks, listens) in [(&*narrow, &wide), (&wide, &*narrow)] {
+        let (talker, listener) = (participant(talks, "talker"), participant(listens, "listener"));
+        let (sender, received) = mpsc::channel();
+        let reader = listener.reader("/test/word", TYPE, &Qos::latched(), move |sample| {
+            sender.send(number(&sample)).expect("the test waits");
+        });
+        let _reader = reader.expect("a reader");
+        let writer = talker.writer("/test/word", TYPE, &Qos::latched()).expect("a writer");
+        writer.publish(body(7, 8)).expect("room");
+        assert_eq!(received.recv_timeout(PATIENCE), Ok(7), "{:?} to {:?}", talks.range, listens.range);
+    }
 }
 
 #[test]

@@ -6,6 +6,7 @@
 
 mod appearance;
 pub mod codec;
+mod jpeg;
 mod light;
 mod noise;
 mod parts;

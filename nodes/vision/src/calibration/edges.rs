@@ -96,10 +96,11 @@ impl Profile {
         let across = (view.px_from_tray(place, height_m)? * across).try_normalize(0.0)?;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few dozen")]
         let half = (reach_px / STEP_PX).ceil() as usize + SPAN / 2;
-        let levels: Option<Vec<f32>> = (0..=2 * half)
-            .map(|index| level(image, expected + across * (STEP_PX * (index as f64 - half as f64))))
-            .collect();
-        let rises = levels?.windows(SPAN + 1).map(|window| window[SPAN] - window[0]).collect();
+        let mut levels = Vec::with_capacity(2 * half + 1);
+        for index in 0..=2 * half {
+            levels.push(level(image, expected + across * (STEP_PX * (index as f64 - half as f64)))?);
+        }
+        let rises = levels.windows(SPAN + 1).map(|window| window[SPAN] - window[0]).collect();
         let platen = view.platen_from_tray * place;
         let point = EdgePoint { place: Point3::new(platen.x, platen.y, height_m), expected, across, miss_px: 0.0 };
         Some(Self { point, reach_px: STEP_PX * (half - SPAN / 2) as f64, rises })
@@ -147,10 +148,14 @@ fn level(image: &GrayImage, place: Point2<f64>) -> Option<f32> {
         return None;
     }
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the picture")]
-    let (column, row) = (place.x as u32, place.y as u32);
+    let (column, row) = (place.x as usize, place.y as usize);
     #[expect(clippy::cast_possible_truncation, reason = "a share of a pixel")]
-    let (across, down) = ((place.x - f64::from(column)) as f32, (place.y - f64::from(row)) as f32);
-    let at = |x: u32, y: u32| f32::from(image.get_pixel(column + x, row + y).0[0]);
-    let along = |y: u32| at(0, y) + across * (at(1, y) - at(0, y));
-    Some(along(0) + down * (along(1) - along(0)))
+    let (across, down) = ((place.x - column as f64) as f32, (place.y - row as f64) as f32);
+    let along = |row: usize| {
+        let start = row * width as usize + column;
+        let [left, right] = image.as_raw().get(start..)?.first_chunk()?.map(f32::from);
+        Some(left + across * (right - left))
+    };
+    let (upper, lower) = (along(row)?, along(row + 1)?);
+    Some(upper + down * (lower - upper))
 }

@@ -93,3 +93,48 @@ fn val_accuracy_at_six_times_the_usual_noise() {
 fn val_accuracy_in_a_crowd() {
     score(&GROMMET, 6.0, 200, 2.0 * RADIUS_M, 5).require();
 }
+
+/// A coin looks the same from no other side: a yaw reversed or turned the other way round would be off by much.
+#[test]
+fn a_yaw_is_found_as_the_part_is_turned() {
+    let coin = catalogue("coin");
+    let scene = scene(&coin, 2.0);
+    let mut selector = Selector::new(SelectorConfig::default(), &scene.camera, &scene.tray, &COIN).unwrap();
+    let laid =
+        |index: u32| LaidPart { yaw_rad: 0.4 + 0.9 * f64::from(index), ..at(0.06, 3.6 + 0.45 * f64::from(index), 0) };
+    let parts: Vec<LaidPart> = (0..6).map(laid).collect();
+    let mut renderer = Renderer::new(&scene).unwrap();
+    let image = shoot(&mut renderer, &over_camera(), &parts, &mut Pcg64Mcg::seed_from_u64(5));
+    let candidates = selector.detect(&image, &over_camera()).unwrap();
+    for part in &parts {
+        let near = |candidate: &&Candidate| (candidate.centre() - part.place).norm() < 0.001;
+        let found = candidates.iter().find(near).unwrap();
+        let symmetry = coin.poses[0].yaw_symmetry;
+        assert!(found.pose == Some(0) && symmetry == 1, "{found:?} {symmetry}");
+        let off_rad = yaw_difference_rad(found.yaw_rad.unwrap(), part.yaw_rad, symmetry);
+        assert!(off_rad.abs() < 5_f64.to_radians(), "{found:?} of {part:?}");
+    }
+}
+
+/// A wheel with fourteen teeth, 8 mm across.
+fn gear() -> PartType {
+    let corner = |index: u32| {
+        let radius_m = if index % 4 < 2 { 0.004 } else { 0.003_2 };
+        let (sin, cos) = (TAU * f64::from(index) / 56.0).sin_cos();
+        [radius_m * cos, radius_m * sin]
+    };
+    let outline: Vec<[f64; 2]> = (0..56).map(corner).collect();
+    let spec = serde_json::json!({
+        "name": "gear", "density_kg_m3": 1_400.0, "friction_static": 0.3, "friction_kinetic": 0.25, "reflectance": 0.35,
+        "shape": { "solids": [{ "extruded": { "outline": { "polygon": outline }, "z_m": [0.0, 0.001_5] } }] },
+        "wanted_poses": ["pose_1"],
+    });
+    PartType::new(&serde_json::from_value(spec).unwrap()).unwrap()
+}
+
+#[test]
+fn the_yaw_of_a_wheel_is_told_by_its_teeth() {
+    let gear = gear();
+    assert_eq!(gear.poses[0].yaw_symmetry, 14);
+    score(&gear, 2.0, 24, 2.0 * gear.outline_radius_m() + 0.002, 14).require();
+}

@@ -17,6 +17,7 @@ use feeder_scenario::PartSource;
 use feeder_sim::camera::{LightModel, PartSolid, PartView, Renderer, Scene, SensorModel, TrayAppearance, TrayShot};
 
 mod accuracy;
+mod blanks;
 
 /// Radius of the grommet's flange, m.
 const RADIUS_M: f64 = 0.002_5;
@@ -430,6 +431,10 @@ fn bad_configurations_are_refused_by_name() {
     assert_eq!(refused(SelectorConfig { confidence_min: 2.0, ..config() }, model()), "selector.confidence_min");
     let tracker = TrackerConfig { memory: 1.0, ..TrackerConfig::default() };
     assert_eq!(refused(SelectorConfig { tracker, ..config() }, model()), "selector.tracker.memory");
+    let tracker = TrackerConfig { gate_m: 0.0, ..TrackerConfig::default() };
+    assert_eq!(refused(SelectorConfig { tracker, ..config() }, model()), "selector.tracker.gate_m");
+    let odometry = PoseHistoryConfig { gap_s_max: -1.0, ..PoseHistoryConfig::default() };
+    assert_eq!(refused(SelectorConfig { odometry, ..config() }, model()), "selector.odometry.gap_s_max");
     assert_eq!(refused(config(), PartModel { poses: Vec::new(), ..model() }), "part_model.poses");
     assert_eq!(refused(config(), PartModel { taught_at_m: [f64::NAN, 0.0], ..model() }), "part_model.taught_at_m");
     assert_eq!(refused(config(), PartModel { hub_level: 0.0, ..model() }), "part_model.hub_level");

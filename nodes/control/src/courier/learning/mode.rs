@@ -48,17 +48,17 @@ impl TrayMode {
         let evidence = if known { Self::EVIDENCE_LEFT } else { Self::EVIDENCE };
         let (lowest, highest) = (ratios.first()?.omega_rad_s, ratios.last()?.omega_rad_s);
         let squares = Squares::of(ratios);
-        let without = squares.least(|_| Complex::from(0.0))?.1;
+        let without = squares.without();
         let mut best: Option<(Self, f64)> = None;
         let mut omega_rad_s = 1.5 * lowest;
         while omega_rad_s < Self::BEYOND * highest {
-            for damping in Self::DAMPINGS {
-                let mode = Self { omega_rad_s, damping, residue: 1.0, factor: 1.0, covariance: Matrix3::zeros() };
-                let Some((solution, left)) = squares.least(|omega| -omega * omega / mode.denominator(omega)) else {
-                    continue;
-                };
-                if best.is_none_or(|(_, least)| left < least) {
-                    best = Some((Self { residue: solution.z / solution.x, factor: solution.x, ..mode }, left));
+            let explained = squares.by_damping(omega_rad_s, Self::DAMPINGS);
+            for (damping, explained) in Self::DAMPINGS.into_iter().zip(explained) {
+                if let Some(Explained { share, factor, left }) = explained
+                    && best.is_none_or(|(_, least)| left < least)
+                {
+                    let (residue, covariance) = (share / factor, Matrix3::zeros());
+                    best = Some((Self { omega_rad_s, damping, residue, factor, covariance }, left));
                 }
             }
             omega_rad_s *= 1.0 + Self::STEP;
@@ -162,11 +162,13 @@ impl TrayMode {
     }
 }
 
-/// Least squares of the ratios by a + i b ω + φ times a shape: what does not depend on the shape, worked out once.
+/// Least squares of the ratios by a + i b ω + φ s(ω), where s is how a mode swings: what does not depend on it, worked out once.
 struct Squares {
     terms: Vec<Term>,
-    matrix: Matrix3<f64>,
-    moment: Vector3<f64>,
+    /// Sums of weights and of what goes with a and with b: the two do not mix.
+    weight: f64,
+    late: f64,
+    moments: [f64; 2],
     sum: f64,
 }
 
@@ -179,6 +181,14 @@ struct Term {
     late: f64,
 }
 
+/// A mode's share φ and the factor a that go with it, and the sum of squares that is left.
+#[derive(Clone, Copy)]
+struct Explained {
+    share: f64,
+    factor: f64,
+    left: f64,
+}
+
 impl Squares {
     fn of(ratios: &[Ratio]) -> Self {
         let highest_rad_s = ratios.last().map_or(1.0, |ratio| ratio.omega_rad_s);
@@ -189,31 +199,54 @@ impl Squares {
             late: omega_rad_s / highest_rad_s,
         };
         let terms: Vec<Term> = ratios.iter().map(term).collect();
-        let (mut matrix, mut moment, mut sum) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
+        let mut squares = Self { terms: Vec::new(), weight: 0.0, late: 0.0, moments: [0.0; 2], sum: 0.0 };
         for Term { ratio, weight, late, .. } in &terms {
-            matrix += Matrix3::from_diagonal(&Vector3::new(1.0, late * late, 0.0)) * *weight;
-            moment += Vector3::new(ratio.re, late * ratio.im, 0.0) * *weight;
-            sum += ratio.norm_sqr() * weight;
+            squares.weight += weight;
+            squares.late += weight * late * late;
+            squares.moments[0] += weight * ratio.re;
+            squares.moments[1] += weight * late * ratio.im;
+            squares.sum += weight * ratio.norm_sqr();
         }
-        // A shape of nothing leaves φ open.
-        matrix[(2, 2)] = 1e-9 * (1.0 + matrix[(0, 0)]);
-        Self { terms, matrix, moment, sum }
+        Self { terms, ..squares }
     }
 
-    /// (a, b, φ), and the sum of squares that is left.
-    fn least(&self, shape: impl Fn(f64) -> Complex<f64>) -> Option<(Vector3<f64>, f64)> {
-        let (mut real, mut imaginary, mut square, mut moment) = (0.0, 0.0, 0.0, 0.0);
+    /// The sum of squares that is left without a mode.
+    fn without(&self) -> f64 {
+        let [real, imaginary] = self.moments;
+        self.sum - real * real / self.weight - imaginary * imaginary / self.late
+    }
+
+    /// What modes at one frequency explain, by their damping ratios; nothing where that cannot be told.
+    fn by_damping<const N: usize>(&self, mode_rad_s: f64, dampings: [f64; N]) -> [Option<Explained>; N] {
+        // One damping beside the other, as vectors take them.
+        let (mut real, mut imaginary, mut square, mut moment) = ([0.0; N], [0.0; N], [0.0; N], [0.0; N]);
         for Term { omega_rad_s, ratio, weight, late } in &self.terms {
-            let shape = shape(*omega_rad_s);
-            real += weight * shape.re;
-            imaginary += weight * shape.im * late;
-            square += weight * shape.norm_sqr();
-            moment += weight * (shape.re * ratio.re + shape.im * ratio.im);
+            let omega = omega_rad_s * omega_rad_s;
+            let stiff = mode_rad_s * mode_rad_s - omega;
+            for lane in 0..N {
+                let damped = 2.0 * dampings[lane] * mode_rad_s * omega_rad_s;
+                let swing = omega / (stiff * stiff + damped * damped);
+                let (re, im) = (-swing * stiff, swing * damped);
+                real[lane] += weight * re;
+                imaginary[lane] += weight * late * im;
+                square[lane] += weight * (re * re + im * im);
+                moment[lane] += weight * (re * ratio.re + im * ratio.im);
+            }
         }
-        let of_shape = Matrix3::new(0.0, 0.0, real, 0.0, 0.0, imaginary, real, imaginary, square);
-        let moment = self.moment + Vector3::new(0.0, 0.0, moment);
-        let solution = (self.matrix + of_shape).cholesky()?.solve(&moment);
-        Some((solution, self.sum - solution.dot(&moment)))
+        let [constant, slope] = self.moments;
+        std::array::from_fn(|lane| {
+            let (real, imaginary) = (real[lane], imaginary[lane]);
+            let (of_real, of_slope) = (real / self.weight, imaginary / self.late);
+            // What the mode does beyond what a and b may do.
+            let alone = square[lane] - real * of_real - imaginary * of_slope;
+            let gain = moment[lane] - constant * of_real - slope * of_slope;
+            let share = gain / alone;
+            (alone > 0.0).then(|| Explained {
+                share,
+                factor: constant / self.weight - share * of_real,
+                left: self.without() - share * gain,
+            })
+        })
     }
 }
 

@@ -13,6 +13,8 @@ const BUNDLE_BYTES_MAX: usize = 48 * 1024;
 const ENTRY_BYTES: usize = 32;
 /// A node that never blocks still sends this often, so that those who wait for it can go on.
 const BUNDLE_TICKS_MAX: u64 = 8;
+/// A tick with inputs of so many bytes is likely to take long.
+const LONG_STEP_BYTES: usize = 8 * 1024;
 
 /// Why a loop cannot go on.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
@@ -267,7 +269,7 @@ impl Engine {
         if self.next_tick >= self.granted_until {
             return Some(Blocked::Grant);
         }
-        let late = self.ins.iter().find(|edge| self.next_tick + 1 > edge.complete_until + edge.delay_ticks);
+        let late = self.ins.iter().find(|edge| self.next_tick + 1 > edge.due(edge.complete_until));
         late.map(|edge| Blocked::Input(&edge.from))
     }
 
@@ -275,7 +277,7 @@ impl Engine {
     pub fn inputs(&mut self) -> Vec<Input> {
         let mut inputs = Vec::new();
         for (index, edge) in self.ins.iter_mut().enumerate() {
-            while edge.queue.front().is_some_and(|entry| entry.tick + edge.delay_ticks <= self.next_tick) {
+            while edge.queue.front().is_some_and(|entry| edge.due(entry.tick) <= self.next_tick) {
                 if let Some(entry) = edge.queue.pop_front() {
                     inputs.push(Input { edge: index, port: entry.port, payload: Bytes::from(entry.payload) });
                 }
@@ -310,21 +312,38 @@ impl Engine {
         self.next_tick += 1;
     }
 
+    /// Whether the inputs of the next tick are so large that it is likely to take long, as a picture does to look at. What
+    /// others may be waiting for is then to be sent before.
+    #[must_use]
+    pub fn has_much_to_do(inputs: &[Input]) -> bool {
+        inputs.iter().map(|input| input.payload.len()).sum::<usize>() >= LONG_STEP_BYTES
+    }
+
+    /// Bundles to send before a tick that takes long: all that is complete and that others may be waiting for.
+    pub fn take_complete(&mut self) -> Vec<(usize, LoopBundle)> {
+        self.take(|edge, age| age > 0 && edge.leads_on)
+    }
+
     /// Bundles to send, as (contract index of the edge, bundle): when the node has no more to run all that is complete, when it
     /// waits for input what others may be waiting for, and else only what is long or large enough.
     pub fn take_bundles(&mut self) -> Vec<(usize, LoopBundle)> {
-        let (run_id, tick) = (self.run_id, self.next_tick);
         let (waits, is_done) = match self.blocked() {
             None => (false, false),
             Some(Blocked::Input(_)) => (true, false),
             Some(Blocked::Grant | Blocked::Ended) => (true, true),
         };
+        self.take(|edge, age| {
+            let is_due = age >= BUNDLE_TICKS_MAX || edge.bytes > BUNDLE_BYTES_MAX / 2;
+            age > 0 && (is_due || is_done || waits && edge.leads_on)
+        })
+    }
+
+    /// Takes what is finished, after the pending bundles are cut to which that applies, by the ticks they hold.
+    fn take(&mut self, applies: impl Fn(&OutEdge, u64) -> bool) -> Vec<(usize, LoopBundle)> {
         let mut bundles = Vec::new();
         for edge in &mut self.outs {
-            let age = tick - edge.first_tick;
-            let is_due = age >= BUNDLE_TICKS_MAX || edge.bytes > BUNDLE_BYTES_MAX / 2;
-            if age > 0 && (is_due || is_done || waits && edge.leads_on) {
-                edge.cut(run_id, tick);
+            if applies(edge, self.next_tick - edge.first_tick) {
+                edge.cut(self.run_id, self.next_tick);
             }
             bundles.extend(edge.finished.drain(..).map(|bundle| (edge.contract_index, bundle)));
         }
@@ -336,6 +355,13 @@ impl Engine {
     pub fn probes(&self) -> Vec<(usize, LoopBundle)> {
         let probe = LoopBundle { run_id: self.run_id, probe: true, ..LoopBundle::default() };
         self.outs.iter().map(|edge| (edge.contract_index, probe.clone())).collect()
+    }
+}
+
+impl InEdge {
+    /// The tick that what was sent in `tick` is meant for; a tick is whatever a sender says it is, and may be any.
+    fn due(&self, tick: u64) -> u64 {
+        tick.saturating_add(self.delay_ticks)
     }
 }
 

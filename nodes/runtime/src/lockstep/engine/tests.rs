@@ -381,6 +381,20 @@ fn a_bundle_with_a_port_of_no_channel_is_refused() {
 }
 
 #[test]
+fn regress_what_is_sent_at_the_end_of_time_never_comes() {
+    let (_, mut receiver) = pair(1);
+    receiver.accept_grant(&grant(10));
+    let entries = vec![LoopEntry { tick: u64::MAX, ..Default::default() }];
+    let bundle = LoopBundle { run_id: RUN, until_tick: u64::MAX, entries, ..Default::default() };
+    receiver.accept_bundle(0, bundle).unwrap();
+    for _ in 0..10 {
+        assert_eq!(receiver.blocked(), None);
+        assert_eq!(receiver.inputs(), Vec::new());
+        receiver.finish_tick();
+    }
+}
+
+#[test]
 fn the_largest_message_fits_and_one_byte_more_is_refused() {
     let (mut sender, _) = pair(1);
     let route = route(&sender);
@@ -451,4 +465,23 @@ fn what_nobody_waits_for_is_kept_together() {
     (0..3).for_each(|_| node.finish_tick());
     assert_eq!(node.blocked(), Some(Blocked::Grant));
     assert_eq!(edges(&mut node), [answered, heard]);
+}
+
+#[test]
+fn before_a_long_tick_what_others_wait_for_goes_out() {
+    let contract = contract(3, vec![edge(0, 1, 1, 1), edge(1, 0, 3, 1), edge(0, 2, 1, 1)], 32);
+    let mut node = Engine::new(&contract, "/n0").unwrap();
+    let picture = LoopEntry { tick: 0, sequence: 0, port: 0, payload: vec![0; 30_000] };
+    let answer = LoopBundle { run_id: RUN, until_tick: 9, entries: vec![picture], ..LoopBundle::default() };
+    node.accept_grant(&grant(12));
+    node.accept_bundle(1, answer).unwrap();
+    for _ in 0..3 {
+        assert!(!Engine::has_much_to_do(&node.inputs()));
+        node.finish_tick();
+    }
+    // It could go on, and so nothing would be sent.
+    assert!(node.take_bundles().is_empty());
+    assert!(Engine::has_much_to_do(&node.inputs()));
+    let complete = node.take_complete();
+    assert_eq!(complete.iter().map(|(edge, bundle)| (*edge, bundle.until_tick)).collect::<Vec<_>>(), [(0, 3)]);
 }

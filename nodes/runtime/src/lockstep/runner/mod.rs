@@ -331,7 +331,11 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
             self.node.reconfigure(&config);
         }
         self.note_what_is_wanted();
-        for input in self.engine.inputs() {
+        let inputs = self.engine.inputs();
+        if Engine::has_much_to_do(&inputs) {
+            self.send_bundles(Engine::take_complete)?;
+        }
+        for input in inputs {
             let (port, carries) = self.routing.arrivals[input.edge][usize::from(input.port)];
             let arrival = match carries {
                 Carries::Message => Arrival::Message { payload: input.payload, little_endian: true },
@@ -360,13 +364,13 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
         Ok(())
     }
 
-    /// What only viewers look at need not be made while none is there; the digest wants it all the same.
+    /// What nobody hears need not be made; the digest wants it all the same.
     fn note_what_is_wanted(&mut self) {
         for port in 0..self.interface.ports.len() {
             let wanted = !self.routing.sends[port].is_empty()
                 || self.digest.active()
                 || self.tap.as_ref().is_some_and(|tap| tap.wants(port))
-                || self.public.as_ref().is_some_and(|public| public.has_readers(port));
+                || self.public.as_ref().is_some_and(|public| public.is_heard(port));
             self.io.note_wanted(port, wanted);
         }
     }
@@ -409,10 +413,11 @@ impl<N: FeederNode, L: Links> Runner<N, L> {
         {
             tap.flush().map_err(RunError::Record)?;
         }
-        for (edge, bundle) in self.engine.take_bundles() {
-            self.links.send_bundle(edge, bundle)?;
-        }
-        Ok(())
+        self.send_bundles(Engine::take_bundles)
+    }
+
+    fn send_bundles(&mut self, take: impl FnOnce(&mut Engine) -> Vec<(usize, LoopBundle)>) -> Result<(), RunError> {
+        take(&mut self.engine).into_iter().try_for_each(|(edge, bundle)| self.links.send_bundle(edge, bundle))
     }
 
     fn status(&self) -> LoopStatus {
