@@ -4,6 +4,7 @@
 mod arbiter;
 mod by_hand;
 mod ends;
+mod memory;
 mod moves;
 mod rules;
 mod sequences;
