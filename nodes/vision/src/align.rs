@@ -11,7 +11,7 @@ use feeder_model::camera::single;
 
 /// A texel that misses by more standard deviations counts no more than this many, and one beside the part that is darker
 /// than expected no more than that many: a shadow may lie there.
-pub(super) const MISS_SIGMAS_MAX: f32 = 4.0;
+const MISS_SIGMAS_MAX: f32 = 4.0;
 const SHADOW_SIGMAS_MAX: f32 = 1.5;
 /// Points compared at a glance.
 const GLANCE_POINTS: usize = 32;
@@ -22,6 +22,8 @@ const STALLED_RATIO: f32 = 0.97;
 /// How far the fit may lead from where it began, px, and by what share of a turn.
 const DRIFT_PX_MAX: f64 = 3.0;
 const DRIFT_RAD_MAX: f64 = 0.4;
+/// A part whose picture changes by less than this mean square when it is turned, in standard deviations, looks round.
+const TURNED_MIN: f32 = 0.1;
 /// Share of the template that must be seen.
 const SEEN_MIN: f32 = 0.6;
 /// Share of the normal matrix's diagonal added to it, so that what nothing tells about stays as it is.
@@ -373,6 +375,77 @@ fn laid<const UNKNOWNS: usize>(
         }
     }
     Some(fit)
+}
+
+/// How much worse a part fits at another yaw, as a share of what the template says it must: about 1 for the part at its own
+/// yaw, and 0 for something that looks the same at both, or lies between them. `None` where the template does not tell.
+///
+/// `other` is what was fitted there; nothing but the yaw of it counts if it is to be looked at as it is.
+pub(super) fn yaw_lead_share(
+    frame: &Segmentation,
+    view: &View,
+    sought: &Sought,
+    (fit, other): (&Fit, &Fit),
+    owners: &Owners,
+    belief: &Belief,
+) -> Option<f32> {
+    let period_rad = period_rad(sought.template.yaw_symmetry);
+    if period_rad <= 0.0 {
+        return None;
+    }
+    let noise = frame.sigma * frame.sigma;
+    let slant = view.slant(fit.centre, sought.plane_m);
+    let tray_yaw_rad = view.platen_from_tray.rotation.angle();
+    let picture = |fit: &Fit| {
+        let yaw_rad = (fit.yaw_rad + tray_yaw_rad).rem_euclid(period_rad);
+        sought.template.picture(&Aspect { yaw_rad, slant })
+    };
+    let (here, there) = (picture(fit), picture(other));
+    let level = |picture: &[f32], index: usize| {
+        picture[index] + belief.added.get(index).copied().unwrap_or(0.0) + added(&sought.effects[index], &fit.amounts)
+    };
+    let turn = Rotation2::new(fit.yaw_rad - other.yaw_rad);
+    let (mut expected, mut count) = (0.0, 0.0_f32);
+    for index in &sought.texels {
+        let Some(turned) = sought.texel(turn * sought.template.place_m(*index)) else { continue };
+        let difference = level(&here, *index) - level(&there, turned);
+        let square = difference * difference / (sought.variance(*index, owners.beside_sigma) + noise);
+        expected += square.min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
+        count += 1.0;
+    }
+    expected /= count.max(1.0);
+    (expected >= TURNED_MIN).then(|| (other.cost - fit.cost) / expected)
+}
+
+/// By how much each texel that is compared is brighter than the template says after a fit; `None` where it is not seen.
+pub(super) fn residuals(
+    frame: &Segmentation,
+    view: &View,
+    sought: &Sought,
+    fit: &Fit,
+    owners: &Owners,
+) -> Option<Vec<Option<f32>>> {
+    let tray_yaw_rad = view.platen_from_tray.rotation.angle();
+    let period_rad = period_rad(sought.template.yaw_symmetry);
+    let on_platen_rad = fit.yaw_rad + tray_yaw_rad;
+    let folded_rad = if period_rad > 0.0 { on_platen_rad.rem_euclid(period_rad) } else { 0.0 };
+    let aspect = Aspect { yaw_rad: folded_rad, slant: view.slant(fit.centre, sought.plane_m) };
+    let picture = sought.template.picture(&aspect);
+    let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
+    let pixel = view.pixel(fit.centre, sought.plane_m)? - corner;
+    let turn = Rotation2::new(folded_rad - tray_yaw_rad);
+    let px_from_part = view.px_from_tray(fit.centre, sought.plane_m)? * turn.matrix();
+    let residual = |index: &usize| {
+        let place = (pixel + px_from_part * sought.template.place_m(*index)).map(single);
+        let (level, pixel) = frame.relative_at(place.x, place.y)?;
+        if owners.taken(pixel) {
+            return None;
+        }
+        let shade = sought.template.wall_shade.values()[*index] * frame.wall_shade(pixel);
+        let value = picture[*index] + shade + added(&sought.effects[*index], &fit.amounts);
+        Some(level / RELATIVE_UNITS - value)
+    };
+    Some(sought.texels.iter().map(residual).collect())
 }
 
 /// The template's texels under an aspect, as the fit uses them.

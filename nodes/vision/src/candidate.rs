@@ -30,8 +30,6 @@ const ALONE_COST_MAX: f32 = 1.25;
 /// A part must fit worse at another yaw by this share of what its template says: half way between 0 for what looks the same at
 /// both and what blunt edges leave of 1.
 const YAW_LEAD_SHARE_MIN: f32 = 0.3;
-/// So much of a part's figure must be seen: half way between the part and a blank.
-const FIGURE_SHARE_MIN: f32 = 0.5;
 
 /// A part as one frame shows it, in the tray frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -155,8 +153,7 @@ fn health(
 fn is_recognised(detector: &Detector, part: &Found, config: &SelectorConfig) -> bool {
     let miss_max = detector.sought[part.pose].template.miss_max + detector.sought[part.pose].noise_miss;
     let yaw_shows = [part.turned, part.yaw_lead].into_iter().flatten().all(|share| share >= YAW_LEAD_SHARE_MIN);
-    let figure_shows = part.figure.is_none_or(|share| share >= FIGURE_SHARE_MIN);
-    if part.fit.cost > miss_max || !yaw_shows || !figure_shows {
+    if part.fit.cost > miss_max || !yaw_shows {
         return false;
     }
     if detector.light == Light::Taught {

@@ -23,7 +23,6 @@ mod modes;
 mod overlay;
 mod picture;
 mod pose_history;
-mod rival;
 mod room;
 mod rule;
 mod search;

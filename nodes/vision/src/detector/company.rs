@@ -2,9 +2,8 @@
 
 use nalgebra::Point2;
 
-use super::super::align::{Belief, Fineness, Fit, Owners, refine};
+use super::super::align::{Belief, Fineness, Fit, Owners, refine, residuals, yaw_lead_share};
 use super::super::modes::{self, Amounts, LIGHT_MODES, Light};
-use super::super::rival::{SeenTexel, figure_share, seen_texels, yaw_lead_share};
 use super::super::sought::{FREE_SIGMA, SHADE_SIGMA};
 use super::super::template::period_rad;
 use super::super::view::View;
@@ -49,19 +48,19 @@ impl Detector {
             });
             let mut added = Vec::new();
             if alike.len() >= ADAPTED_MIN {
-                let seen: Vec<Vec<Option<SeenTexel>>> = alike
+                let seen: Vec<Vec<Option<f32>>> = alike
                     .iter()
                     .filter_map(|(index, part)| {
                         let own = u16::try_from(index + 1).unwrap_or(u16::MAX);
                         let owners = Owners { of: &self.owners, own, beside_sigma: SHADE_SIGMA };
-                        seen_texels(&self.segmentation, view, sought, &part.fit, &owners)
+                        residuals(&self.segmentation, view, sought, &part.fit, &owners)
                     })
                     .collect();
                 added.resize(sought.outside_m.len(), 0.0);
                 let mut levels = Vec::new();
                 for (place, texel) in sought.texels.iter().enumerate() {
                     levels.clear();
-                    levels.extend(seen.iter().filter_map(|seen| seen[place]).map(|seen| seen.brighter));
+                    levels.extend(seen.iter().filter_map(|seen| seen[place]));
                     if levels.len() >= ADAPTED_MIN {
                         added[*texel] = median(&mut levels);
                     }
@@ -105,7 +104,6 @@ impl Detector {
                 part.fit = Fit { cost: told.cost, evidence: told.evidence, ..fit };
                 let texels = sought.texels.len() as f32 * sought.texel_weight;
                 part.evidence_per_texel = part.fit.evidence / texels;
-                part.figure = figure_share(&self.segmentation, view, sought, &fit, &owners, belief);
                 self.look_turned(view, part, &fit, &owners, belief);
                 if self.light == Light::Taught {
                     continue;

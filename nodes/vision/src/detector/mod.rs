@@ -43,13 +43,11 @@ pub(super) struct Found {
     pub in_company: bool,
     /// Whether much less speaks for it than for the others.
     pub weak: bool,
-    /// As [`yaw_lead_share`](super::rival::yaw_lead_share) tells of it turned by half a period of its symmetry.
+    /// As [`yaw_lead_share`](super::align::yaw_lead_share) tells of it turned by half a period of its symmetry.
     pub turned: Option<f32>,
     /// The strongest explanation by the same pose at another yaw, and by how much that is led, as it is for `turned`.
     pub yaw_rival: Option<Fit>,
     pub yaw_lead: Option<f32>,
-    /// As [`figure_share`](super::rival::figure_share) tells.
-    pub figure: Option<f32>,
     /// The strongest explanation by another pose.
     pub rival: Option<(usize, Fit)>,
     /// Mean square miss before what the frame shows of others was known.
@@ -74,7 +72,6 @@ impl Found {
             weak: false,
             turned: None,
             yaw_lead: None,
-            figure: None,
             yaw_rival: None,
             rival: None,
             first_cost: fit.cost,

@@ -17,7 +17,6 @@ use feeder_scenario::PartSource;
 use feeder_sim::camera::{LightModel, PartSolid, PartView, Renderer, Scene, SensorModel, TrayAppearance, TrayShot};
 
 mod accuracy;
-mod blanks;
 
 /// Radius of the grommet's flange, m.
 const RADIUS_M: f64 = 0.002_5;
