@@ -485,9 +485,9 @@ mod tests {
         };
         let mut tracker = tracker(0);
         show(&mut tracker, 0, &[Some(at(0.0))]);
-        let two = tracker.update(FRAME_S, &[at(0.6 * gate_m), at(-0.3 * gate_m)], false);
+        let two = tracker.update(FRAME_S, &[at(0.6 * gate_m), at(-0.3 * gate_m)]);
         assert_eq!(ids(&two), [(1, -0.3 * gate_m), (2, 0.6 * gate_m)]);
-        let one = tracker.update(2.0 * FRAME_S, &[at(0.2 * gate_m)], false);
+        let one = tracker.update(2.0 * FRAME_S, &[at(0.2 * gate_m)]);
         assert_eq!(ids(&one), [(2, 0.2 * gate_m)]);
     }
 
