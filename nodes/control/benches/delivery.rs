@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use feeder_control::courier::CourierLimits;
-use feeder_control::delivery::tour::{Offer, Open, Overheads, Start, best_tour};
+use feeder_control::delivery::tour::{Open, Overheads, best_tour};
 use feeder_control::delivery::{
-    DeliveryConfig, DeliveryId, DeliveryRequest, GentleParameters, MovePlanner, OfferedPart, Surroundings, ramp_parts,
+    CandidateFrame, DeliveryConfig, DeliveryId, DeliveryRequest, GentleParameters, MovePlanner, OfferedPart,
+    Surroundings, ramp_parts,
 };
 use feeder_control::platen::{Arbiter, Area, Reservation};
 use feeder_model::motor::Load;
@@ -37,47 +38,34 @@ fn moves(criterion: &mut Criterion) {
 
 fn trips(criterion: &mut Criterion) {
     let (config, planner) = (DeliveryConfig::default(), planner());
-    let lying = |count: u32| -> Vec<OfferedPart> {
-        let part = |index: u32| {
-            let angle_rad = 3.3 + 2.8 * f64::from(index) / f64::from(count);
-            let radius_m = 0.06 + 0.025 * (7.0 * f64::from(index)).sin().abs();
-            OfferedPart {
-                id: index.into(),
-                position_in_tray_m: Vector2::new(angle_rad.cos(), angle_rad.sin()) * radius_m,
-                yaw_in_tray_rad: 0.0,
-                part_class: "washer".into(),
-                pose_class: Some("face_up".into()),
-                radius_m: 0.0025,
-                part_gap_m: 0.01,
-                refusals: Refusals::default(),
-            }
-        };
-        (0..count).map(part).collect()
-    };
-    let places = [(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)];
-    // Where the number of requests allows it each is of a kind of its own.
-    let request = |index: usize| DeliveryRequest {
-        station: format!("station_{}", index % places.len()),
+    let candidates = (0..5_u32).map(|index| OfferedPart {
+        id: index.into(),
+        position_in_tray_m: Vector2::new(0.06 - 0.025 * f64::from(index), -0.05),
+        yaw_in_tray_rad: 0.0,
+        part_class: "washer".into(),
+        pose_class: Some("face_up".into()),
+        radius_m: 0.0025,
+        part_gap_m: 0.01,
+        refusals: Refusals::default(),
+    });
+    let frame = CandidateFrame { stamp: Duration::ZERO, candidates: candidates.collect(), is_blind: false };
+    let request = DeliveryRequest {
+        station: "station_1".into(),
         part_class: "washer".into(),
         pose_classes: vec!["face_up".into()],
         tolerance_m: 1e-3,
-        part_gap_m_min: Some(1e-4 * (index / places.len()) as f64),
+        part_gap_m_min: None,
         timeout: None,
     };
-    let overheads = Overheads { stop_s: 0.6, hand_over_s: 0.7, busy_s: 1.0 };
-    let start = Start { place_m: Vector2::zeros(), spent_s: 20.0, taken: 0 };
-    for (goals, parts) in [(4, 5), (20, 60)] {
-        let (requests, lying): (Vec<_>, _) = ((0..goals).map(request).collect(), lying(parts));
-        let open = (0..).zip(&requests).map(|(id, request)| {
-            let (x, y) = places[usize::try_from(id).unwrap_or(0) % places.len()];
-            Open { id: DeliveryId(id), request, station_m: Vector2::new(x, y), ready_s: 0.0 }
-        });
-        let open: Vec<Open> = open.collect();
-        let offer = Offer { parts: &lying, look: Duration::ZERO, leaves_soon: &|_| false, open: &open };
-        criterion.bench_function(&format!("a trip of {goals} requests and {parts} parts"), |b| {
-            b.iter(|| best_tour(black_box(&offer), start, &config, &planner, &overheads));
-        });
-    }
+    let places = [(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)];
+    let open: Vec<Open> = (1..)
+        .zip(places)
+        .map(|(id, (x, y))| Open { id: DeliveryId(id), request: &request, station_m: Vector2::new(x, y) })
+        .collect();
+    let overheads = Overheads { stop_s: 0.6, hand_over_s: 0.7 };
+    criterion.bench_function("best trip of 4 requests and 5 parts", |b| {
+        b.iter(|| best_tour(black_box(&frame), &open, &config, &planner, &overheads));
+    });
 }
 
 fn areas(criterion: &mut Criterion) {

@@ -190,14 +190,13 @@ impl DeliveryPlanner {
         presented_at: Option<Duration>,
     ) {
         let station = delivery.and_then(|id| self.deliveries.get(&id)).map(|open| open.station.clone());
-        let delivery_id = delivery.map(|id| deliver_part::name_of(id.0));
-        if phase != Phase::Presented || delivery_id != self.said.delivery_id {
-            self.said.chosen = None;
-        }
         self.said.phase = phase;
-        self.said.delivery_id = delivery_id;
+        self.said.delivery_id = delivery.map(|id| deliver_part::name_of(id.0));
         self.said.station = station;
         self.said.fault = self.sequencer.fault().map(str::to_owned);
+        if phase != Phase::Presented {
+            self.said.chosen = None;
+        }
         self.publish_delivery_state(io);
         let eta = presented_at.map(|at| at.saturating_sub(now));
         match (phase, delivery) {
@@ -303,11 +302,8 @@ impl DeliveryPlanner {
             Phase::Presented => (Condition::AwaitsHandOver, format!("at {station}")),
             Phase::Reserving => (Condition::AwaitsArea, format!("for {station}")),
             Phase::Purging => (Condition::Purging, String::new()),
-            // What may be wrong with the feed is said before no part comes, and so is what may be wrong with moves.
-            _ => {
-                let trouble = self.sequencer.feed_trouble().or_else(|| self.sequencer.slip_trouble());
-                (Condition::AtWork, trouble.unwrap_or_default())
-            }
+            // What may be wrong with the feed is said before no part comes.
+            _ => (Condition::AtWork, self.sequencer.feed_trouble().unwrap_or_default()),
         }
     }
 }

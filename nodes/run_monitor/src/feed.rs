@@ -38,10 +38,9 @@ pub(crate) struct FeedScore {
 }
 
 impl FeedScore {
-    /// As [`FeedObserver::new`].
-    pub(crate) fn new(tray: TrayGeometry, part: &PartType, room_m: f64) -> Self {
+    pub(crate) fn new(tray: TrayGeometry, part: &PartType) -> Self {
         Self {
-            observer: FeedObserver::new(tray, part, room_m),
+            observer: FeedObserver::new(tray, part),
             wanted_poses: part.wanted_poses.iter().filter_map(|&pose| u8::try_from(pose).ok()).collect(),
             called_right: BTreeSet::new(),
             called_wrongly: BTreeSet::new(),
@@ -99,5 +98,5 @@ impl Feed {
 
 fn sighting(part: &TruePart) -> Sighting {
     let (pose, position_m) = (usize::from(part.resting_pose), part.position_in_tray_m());
-    Sighting { id: part.id, place: part.place, pose, position_m, yaw_rad: part.yaw_rad }
+    Sighting { id: part.id, place: part.place, pose, position_m }
 }

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::feed::Feed;
-use crate::trips::{Oracle, Trips};
 use crate::whereabouts::OdometryScore;
 
 /// What a planner does with its time.
@@ -89,22 +88,11 @@ pub struct FeederProgress {
     pub activity: Activity,
     /// What the planner did with its time, s.
     pub spent_s: BTreeMap<Activity, f64>,
-    /// How its trips went.
-    pub trips: Trips,
     /// How well the feeder feeds and the selector selects.
     pub feed: Feed,
     /// The same in the course of the run: stamp (s) and figures, at most a thousand times, at every second of simulated time
     /// while that is enough.
     pub history: Arc<Vec<(f64, Feed)>>,
-}
-
-impl FeederProgress {
-    /// What an oracle would have made of this feeder's feed and moves; nothing while there is nothing to go by.
-    #[must_use]
-    pub fn oracle(&self) -> Option<Oracle> {
-        let fed_s = self.spent_s.get(&Activity::Wait).copied().unwrap_or(0.0);
-        Oracle::of(&self.trips, self.feed.report.good, fed_s)
-    }
 }
 
 /// How a run has gone so far.

@@ -61,7 +61,7 @@ pub fn courier_under(station_m: &Vector2<f64>, point_in_tray_m: &Vector2<f64>, y
 }
 
 /// Where a part of `request` would be taken from a frame: the candidate chosen, if it fits. It must be one
-/// that may be picked, of the class and pose and as free as asked for, and a way must lead to the station.
+/// that may be picked, of the class and pose and as free as asked for, and within reach of the station.
 #[must_use]
 pub fn fitting(
     candidate: &OfferedPart,
@@ -77,11 +77,7 @@ pub fn fitting(
         && request.part_gap_m_min.is_none_or(|least_m| candidate.part_gap_m >= least_m)
         && candidate.refusals.may_be_picked();
     let courier = courier_under(station_m, &candidate.position_in_tray_m, config.feeding_place.z);
-    (fits && planner.check_way(&config.feeding_place, &courier).is_ok()).then(|| Choice {
-        candidate: candidate.clone(),
-        look,
-        courier,
-    })
+    (fits && planner.check_stand(&courier).is_ok()).then(|| Choice { candidate: candidate.clone(), look, courier })
 }
 
 /// Angle ψ of a candidate's centre in the tray, rad, in 0..2π: the larger, the sooner the feed loses it.

@@ -49,8 +49,8 @@ pub struct DeliveryConfig {
     /// The courier's cable; the scenario states it among the courier's limits.
     #[serde(skip)]
     pub tether: Option<Tether>,
-    /// Most parts taken on one trip. The planner itself takes as many as are worth the time.
-    #[schemars(range(min = 1, max = 20))]
+    /// Most stations served on one trip.
+    #[schemars(range(min = 1, max = 4))]
     pub stops_max: u32,
     /// How gently parts are carried.
     pub gentle: GentleParameters,
@@ -117,7 +117,7 @@ impl Default for DeliveryConfig {
             footprint_radius_m: Surroundings::default().footprint_radius_m,
             corner_m: Surroundings::default().corner_m,
             tether: None,
-            stops_max: 20,
+            stops_max: 4,
             gentle: GentleParameters::default(),
             policy: Policy::default(),
             protected_ramp_radius_m: 0.06,

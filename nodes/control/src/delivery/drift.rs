@@ -16,8 +16,6 @@ struct SeenPath {
     angle_rad: f64,
     /// Mean angular velocity about the tray's centre, rad/s, once it was seen twice.
     rate_rad_s: Option<f64>,
-    /// Whether it was wanted since feeding began.
-    fitted: bool,
 }
 
 /// Follows how parts move while feeding, and how far they go on after the order to stop.
@@ -70,13 +68,10 @@ impl Drift {
                 let mean_rad_s = track.rate_rad_s.map_or(rate_rad_s, |mean| mean + GAIN * (rate_rad_s - mean));
                 (elapsed_s > 0.0).then_some(mean_rad_s)
             });
-            let fitted_before = known.is_some_and(|track| track.fitted);
-            let fitted = fitted_before || fits(candidate);
-            // Those of the first frame have not come while feeding.
-            if fitted && !fitted_before && since.is_some() {
+            if known.is_none() && since.is_some() && fits(candidate) {
                 self.arrived += 1.0;
             }
-            tracks.insert(candidate.id, SeenPath { stamp: frame.stamp, angle_rad, rate_rad_s, fitted });
+            tracks.insert(candidate.id, SeenPath { stamp: frame.stamp, angle_rad, rate_rad_s });
         }
         self.tracks = tracks;
     }

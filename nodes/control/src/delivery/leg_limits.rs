@@ -91,7 +91,7 @@ impl MovePlanner {
     }
 
     /// Acceleration at which every part is held that is accelerated by `along(part)` times it, m/s².
-    pub(super) fn weakest(
+    fn weakest(
         &self,
         parts_in_tray: &[Vector2<f64>],
         along: impl Fn(&Vector2<f64>) -> Vector2<f64>,

@@ -3,8 +3,8 @@
 //! A [`MovePlanner`] finds the fastest move in which no protected part slides: `holding` says what friction holds, `profile`
 //! makes a motion along a line of it, [`Surroundings`] find the way round keep-out areas, `legs` joins lines into one
 //! motion. The [`choice`] of parts works on what the vision selector saw and on where parts will come to rest (`drift`),
-//! and a [`tour`] brings stations their parts on one trip, by how long things take (`pace`). The [`DeliverySequencer`]
-//! strings it together: feed, stop, settle, look, reserve, move, present, return. While it feeds, `feed_watch` compares how parts move with how the
+//! and a [`tour`] brings several stations their parts on one trip. The [`DeliverySequencer`] strings it together: feed,
+//! stop, settle, look, reserve, move, present, return. While it feeds, `feed_watch` compares how parts move with how the
 //! waveform should move them, and `arrival_watch` how many come with how many should.
 
 mod arrival_watch;
@@ -17,8 +17,6 @@ mod holding;
 mod leases;
 mod leg_limits;
 mod legs;
-mod lying;
-mod pace;
 mod plan;
 mod plan_error;
 mod planner;

@@ -44,11 +44,12 @@ impl MovePlanner {
     /// Shortest move worth the name, m along the path of the tray's rim.
     const DISTANCE_M_MIN: f64 = 1e-6;
 
-    /// A quick estimate of how long a straight move takes, s: the jerk-limited bound at the share of friction that is used,
-    /// in a typical direction.
+    /// A quick estimate of how long a straight move with a part on the plateau takes, s: the jerk-limited bound at the
+    /// share of friction that is used.
     #[must_use]
     pub fn estimate_s(&self, distance_m: f64) -> f64 {
-        let a = (self.gentle.friction_share * self.typical_m_s2).min(self.by_motor_m_s2());
+        let a =
+            (self.gentle.friction_share * self.gentle.friction * self.gentle.gravity_m_s2).min(self.by_motor_m_s2());
         let j = self.gentle.jerk_m_s3_max;
         if distance_m >= 2.0 * a.powi(3) / (j * j) {
             a / j + ((a / j).powi(2) + 4.0 * distance_m / a).sqrt()

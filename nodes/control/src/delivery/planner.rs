@@ -1,7 +1,5 @@
 //! Who plans moves: one tray on one courier among what is around it, and where that courier may be.
 
-use std::f64::consts::TAU;
-
 use nalgebra::{Vector2, Vector3};
 
 use super::gentle::GentleParameters;
@@ -20,9 +18,6 @@ pub struct MovePlanner {
     pub(super) limits: CourierLimits,
     pub(super) load: Load,
     pub(super) around: Surroundings,
-    /// What friction holds of a part on the plateau, or of those that are always protected: the mean over all directions of
-    /// what speeding up and braking come to, m/s².
-    pub(super) typical_m_s2: f64,
 }
 
 impl MovePlanner {
@@ -39,38 +34,7 @@ impl MovePlanner {
         gentle.validate()?;
         limits.validate()?;
         load.validate()?;
-        let typical_m_s2 = gentle.friction * gentle.gravity_m_s2;
-        Ok(Self { gentle, tray, limits, load, around: Surroundings::default(), typical_m_s2 })
-    }
-
-    /// The same planner where the parts at these places in the tray (m) are always protected, for its estimates.
-    #[must_use]
-    pub fn protecting(self, parts_in_tray: &[Vector2<f64>]) -> Self {
-        const DIRECTIONS: u32 = 16;
-        let held_m_s2 = (0..DIRECTIONS).map(|index| {
-            let (sin, cos) = (TAU * f64::from(index) / f64::from(DIRECTIONS)).sin_cos();
-            // One that slides where it lies is not held, whatever is done.
-            self.weakest(parts_in_tray, |_| Vector2::new(cos, sin)).unwrap_or(0.0)
-        });
-        let held_m_s2: Vec<f64> = held_m_s2.collect();
-        let (half, count) = (held_m_s2.len() / 2, f64::from(DIRECTIONS));
-        // A way takes as long as with the harmonic mean of both.
-        let opposite = |index: usize| 2.0 / (1.0 / held_m_s2[index] + 1.0 / held_m_s2[(index + half) % (2 * half)]);
-        let typical_m_s2 = (0..held_m_s2.len()).map(opposite).sum::<f64>() / count;
-        Self { typical_m_s2, ..self }
-    }
-
-    /// The same planner for parts with another friction than was believed.
-    #[must_use]
-    pub fn believing(mut self, friction: f64) -> Self {
-        self.typical_m_s2 *= friction / self.gentle.friction;
-        self.gentle.friction = friction;
-        self
-    }
-
-    /// Whether friction holds the parts at these places in the tray (m) while the courier stands.
-    pub(super) fn holds_at_rest(&self, parts_in_tray: &[Vector2<f64>]) -> bool {
-        self.weakest(parts_in_tray, |_| Vector2::x()).is_ok()
+        Ok(Self { gentle, tray, limits, load, around: Surroundings::default() })
     }
 
     /// The same planner among obstacles.
@@ -101,19 +65,6 @@ impl MovePlanner {
     pub fn check_stand(&self, position: &Vector3<f64>) -> Result<(), PlanError> {
         self.check_reach(position)?;
         self.around.check(&position.xy())
-    }
-
-    /// Whether the courier may stand at `to` and a way leads there from `from`.
-    ///
-    /// # Errors
-    /// As [`check_stand`](Self::check_stand), or no way round the keep-out areas.
-    pub fn check_way(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> Result<(), PlanError> {
-        self.check_stand(to)?;
-        if self.around.keep_out.is_empty() {
-            return Ok(());
-        }
-        let may_stand = |corner: &Vector2<f64>| self.check_reach(&Vector3::new(corner.x, corner.y, to.z)).is_ok();
-        self.around.route(from.xy(), to.xy(), may_stand).map(|_| ())
     }
 
     /// Whether `position` is within the courier's bounds.

@@ -168,19 +168,6 @@ pub enum Warning {
         "the tray does not vibrate although feeding is on: is the waveform generator active, was the courier halted?"
     )]
     StandsStill,
-    /// Parts have slid while they were carried: moves reckon with less friction from now on.
-    #[error(
-        "a part slid by {:.1} mm while it was carried: the friction is lower than believed, or the tray shakes more than the \
-         courier's sensor says; moves now reckon with a friction of {:.3}",
-        1e3 * slid_m,
-        friction
-    )]
-    Slipped {
-        /// How far it slid, m.
-        slid_m: f64,
-        /// Coefficient of friction that moves reckon with from now on.
-        friction: f64,
-    },
     /// The courier could not return to the feeding place.
     #[error("the return to the feeding place failed: {0}")]
     ReturnFailed(String),

@@ -38,13 +38,6 @@ pub struct DeliveryRequest {
 }
 
 impl DeliveryRequest {
-    /// Whether the same parts will do at the same station.
-    #[must_use]
-    pub(super) fn takes_same_as(&self, other: &Self) -> bool {
-        let of = |request: &Self| (request.station.clone(), request.part_class.clone(), request.pose_classes.clone());
-        of(self) == of(other) && self.part_gap_m_min == other.part_gap_m_min
-    }
-
     /// Whether a resting pose will do.
     #[must_use]
     pub fn accepts(&self, pose_class: &str) -> bool {

@@ -4,7 +4,6 @@
 mod arbiter;
 mod by_hand;
 mod ends;
-mod memory;
 mod moves;
 mod rules;
 mod sequences;

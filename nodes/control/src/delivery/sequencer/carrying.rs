@@ -12,7 +12,7 @@ use super::super::plan_error::PlanError;
 use super::super::protocol::{Delivered, Failure, HandOver, Output, Warning};
 use super::super::request::{DeliveryId, MoveId, Stamp};
 use super::super::tour::Stop;
-use super::{DeliverySequencer, Planned, SequencerState, late};
+use super::{DeliverySequencer, Planned, SequencerState, late, mean_s};
 use crate::platen::{Area, segment_distance_m};
 
 /// Corners of the way of a move, platen frame, m.
@@ -112,18 +112,6 @@ impl DeliverySequencer {
         }
     }
 
-    /// Goes on after a stop: with the parts that still lie there and the requests that are open now, on a platen of its own;
-    /// with the stops that were planned on one that is shared, where the area of the trip is settled.
-    pub(super) fn go_on(&mut self, now: Stamp, planned: VecDeque<Planned>) -> bool {
-        if self.config.arbitrated {
-            return self.next_stop(now, planned);
-        }
-        match self.choose(now) {
-            Some(stops) => self.depart(now, stops),
-            None => self.go_back(now),
-        }
-    }
-
     /// Moves to the first of these stops whose delivery is still open, past those where it is not; back when there is
     /// none.
     pub(super) fn next_stop(&mut self, now: Stamp, mut stops: VecDeque<Planned>) -> bool {
@@ -213,11 +201,6 @@ impl DeliverySequencer {
             None => Some("no part is seen at its place".to_owned()),
         };
         if let Some(reason) = lost {
-            // One that is not recognised here would not be when it is brought once more.
-            let id = chosen.id;
-            if let Some(lying) = &mut self.lying {
-                lying.forget(id);
-            }
             return self.fail(now, Failure::PartLost(reason));
         }
         if let Some(part) = nearest {
@@ -256,7 +239,7 @@ impl DeliverySequencer {
         let result = |taken| if taken { Ok(delivered.clone()) } else { Err(Failure::NotTaken) };
         match (self.hand_over.pop_front(), taken) {
             (Some(HandOver::Released), Some(taken)) => {
-                self.handed_over(now, &delivered, since, taken);
+                self.overheads.hand_over_s = mean_s(self.overheads.hand_over_s, since, now);
                 self.finish(now, id, result(taken))
             }
             (Some(report), _) => {
@@ -266,35 +249,13 @@ impl DeliverySequencer {
                 true
             }
             (None, _) if now < deadline => false,
-            (None, None) => {
-                self.handed_over(now, &delivered, since, false);
-                self.finish(now, id, Err(Failure::NoHandOver))
-            }
+            (None, None) => self.finish(now, id, Err(Failure::NoHandOver)),
             (None, Some(taken)) => {
                 let station = self.delivery(id).map(|delivery| delivery.request.station.clone()).unwrap_or_default();
                 self.outputs.push(Output::Warning(Warning::NotReleased(station)));
-                self.handed_over(now, &delivered, since, taken);
                 self.finish(now, id, result(taken))
             }
         }
-    }
-
-    /// A station has had a part presented to it since `since`. Whether it was `taken` or not, it is not to be taken any more: a
-    /// gripper that missed it may have moved it.
-    fn handed_over(&mut self, now: Stamp, delivered: &Delivered, since: Stamp, taken: bool) {
-        self.taken += u32::from(taken);
-        if let Some(lying) = &mut self.lying {
-            lying.forget(delivered.choice.candidate.id);
-        }
-        let served = self.state.stop().and_then(|stop| self.delivery(stop.id));
-        if let Some(station) = served.map(|delivery| delivery.request.station.clone()) {
-            self.pace.handed_over(&station, since, now);
-        }
-    }
-
-    /// A new round of feeding and carrying begins.
-    pub(super) fn begin_cycle(&mut self, now: Stamp) {
-        (self.cycle_since, self.taken) = (now, 0);
     }
 
     pub(super) fn go_back(&mut self, now: Stamp) -> bool {
@@ -308,7 +269,7 @@ impl DeliverySequencer {
         }
         let Some(report) = self.courier else { return false };
         if self.at_feeding_place(&report) {
-            return self.come_home(now);
+            return self.come_home();
         }
         if self.leases.must_ask() {
             // The courier is on no trip, but not where it parks: at the start, after a reset, or when a lease was lost.
@@ -355,7 +316,7 @@ impl DeliverySequencer {
         };
         let there = self.courier.is_some_and(|report| self.at_feeding_place(&report));
         if ended && there && self.rest_since.is_some() {
-            return self.come_home(now);
+            return self.come_home();
         }
         if now >= deadline {
             self.outputs.push(Output::CancelMove(id));
@@ -366,8 +327,7 @@ impl DeliverySequencer {
     }
 
     /// The trip is over: the courier parks.
-    fn come_home(&mut self, now: Stamp) -> bool {
-        self.begin_cycle(now);
+    fn come_home(&mut self) -> bool {
         self.leases.end_trip(&mut self.outputs);
         self.enter(SequencerState::Idle, None)
     }
@@ -383,11 +343,10 @@ impl DeliverySequencer {
     }
 }
 
-/// Why a part that lies where the chosen one should is not the one to be handed over, if it is not. What vision could not
-/// measure as well here as where it was chosen, its room or the last bit of certainty, has not changed: nothing moved.
+/// Why a part that lies where the chosen one should is not the one to be handed over, if it is not.
 fn why_not(part: &OfferedPart, chosen: &OfferedPart) -> Option<String> {
     match (&part.pose_class, &chosen.pose_class) {
         (Some(lies), Some(wanted)) if lies != wanted => Some(format!("it lies {lies}, not {wanted}")),
-        _ => part.refusals.pose_disagrees.then(|| part.refusals.to_string()),
+        _ => (!part.refusals.may_be_picked()).then(|| part.refusals.to_string()),
     }
 }

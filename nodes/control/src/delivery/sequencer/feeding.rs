@@ -3,12 +3,11 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use super::super::choice::{CandidateFrame, OfferedPart};
-use super::super::lying::Lying;
+use super::super::choice::CandidateFrame;
 use super::super::protocol::{Failure, Output, Warning};
 use super::super::request::Stamp;
-use super::super::tour::{Offer, Start, Stop, Tour, best_tour};
-use super::{DeliverySequencer, SequencerState, late};
+use super::super::tour::{Stop, Tour, best_tour};
+use super::{DeliverySequencer, SequencerState, late, mean_s};
 
 impl DeliverySequencer {
     /// Looks with nothing on the plateau after which it counts as empty.
@@ -22,14 +21,10 @@ impl DeliverySequencer {
         let parked = self.leases.park(now, &area, &mut self.outputs);
         if self.queue.is_empty() {
             self.feed(false);
-            self.begin_cycle(now);
             return false;
         }
         match self.courier {
-            Some(report) if parked && self.at_feeding_place(&report) => {
-                // What was left on the plateau is known: no look is needed to see that none of it will do.
-                if self.nothing_lies_ready() { self.start_feeding(now) } else { self.stop(now) }
-            }
+            Some(report) if parked && self.at_feeding_place(&report) => self.stop(now),
             Some(_) if parked => self.go_back(now),
             _ => false,
         }
@@ -106,40 +101,31 @@ impl DeliverySequencer {
         }
     }
 
-    /// Whether it is time to go: the trip with the parts that would come to rest now would lose one by waiting for another, or
-    /// has a part for every request, or another part would cost more time, its wait and its stop, than each of these does.
-    ///
-    /// What the courier would wait for a manipulator costs nothing while it feeds.
+    /// Whether a trip with the parts that would come to rest now delivers more a minute than one that waits for another
+    /// part, or would lose one that waits.
     fn is_time_to_stop(&self, now: Stamp) -> bool {
         let Some(frame) = &self.frame else { return false };
-        let overheads = self.pace.overheads();
         let at_rest = self.drift.at_rest(frame, now);
-        let offers = self.offers(now, overheads.stop_s);
-        let spent_s = now.saturating_sub(self.cycle_since).as_secs_f64() + overheads.stop_s;
-        let start = Start { place_m: self.config.feeding_place.xy(), spent_s, taken: 0 };
-        let (parts, look) = (&at_rest.candidates[..], at_rest.stamp);
-        let offer = Offer { parts, look, leaves_soon: &|_| false, open: &offers };
-        let best = best_tour(&offer, start, &self.config, &self.planner, overheads);
+        let offers = self.offers();
+        let best = best_tour(&at_rest, &offers, &self.config, &self.planner, &self.overheads);
         let Some(tour) = best else { return false };
+        let most = offers.len().min(usize::try_from(self.config.stops_max).unwrap_or(1));
+        if tour.stops.len() >= most {
+            return true;
+        }
         let wait_s = self.drift.interval_s();
         let is_lost = |stop: &Stop| {
             let seen = frame.candidates.iter().find(|candidate| candidate.id == stop.choice.candidate.id);
             seen.is_none_or(|seen| self.drift.stays_s(seen) < wait_s + self.config.stop_drift_s)
         };
-        let most = offers.len().min(usize::try_from(self.config.stops_max).unwrap_or(1));
-        tour.stops.len() >= most
-            || tour.stops.iter().any(is_lost)
-            || self.another_costs_s(&tour, wait_s) >= tour.per_part_s(&start)
-    }
-
-    /// What one more part on a trip costs if it is waited for so long, s.
-    fn another_costs_s(&self, tour: &Tour, wait_s: f64) -> f64 {
-        /// Way from one stop to the next where there is none to go by, m.
-        const WAY_M: f64 = 0.05;
-        let overheads = self.pace.overheads();
-        let apart = || tour.stops.len() > 1 && tour.stops[0].choice.courier != tour.stops[1].choice.courier;
-        let leg_s = self.planner.estimate_s(if apart() { tour.way_m / (tour.stops.len() - 1) as f64 } else { WAY_M });
-        (wait_s - tour.waits_s).max(0.0) + leg_s.max(overheads.busy_s) + overheads.hand_over_s
+        if tour.stops.iter().any(is_lost) {
+            return true;
+        }
+        // One more stop costs about what one of these does, beside its wait.
+        let stops = tour.stops.len() as f64;
+        let longer = Tour { duration_s: tour.duration_s * (stops + 1.0) / stops + wait_s, ..tour.clone() };
+        let with_another_per_s = (stops + 1.0) / (longer.duration_s + self.overheads.stop_s);
+        tour.rate_per_s(&self.overheads) >= with_another_per_s
     }
 
     pub(super) fn purging(
@@ -209,53 +195,33 @@ impl DeliverySequencer {
             return late(now, seen.unwrap_or(since), self.config.look_timeout_s) && self.fail(now, Failure::NoImage);
         };
         self.drift.rest(&frame);
-        self.lying = Some(Lying::seen(&frame));
-        if let Some(stops) = self.choose(now) {
+        if let Some(stops) = self.choose() {
             if let Some(stopped) = self.stopped.take() {
-                self.pace.departed(stopped, now);
+                self.overheads.stop_s = mean_s(self.overheads.stop_s, stopped, now);
             }
             return self.depart(now, stops);
         }
-        let may_get_sure = |part: &OfferedPart| {
-            part.refusals.pose_unsure || part.refusals.pose_disagrees || part.refusals.part_too_near
-        };
-        if looks + 1 >= self.config.looks || !frame.candidates.iter().any(may_get_sure) {
-            return self.start_feeding(now);
+        if looks + 1 >= self.config.looks {
+            self.drift.start();
+            self.arrival_watch.wait();
+            return self.enter(SequencerState::Feeding { since: now, starved: false }, self.expected(now));
         }
         self.state = SequencerState::Looking { since, rest_since, seen: Some(frame.stamp), looks: looks + 1 };
         true
-    }
-
-    /// Feeds until a trip is worth it.
-    fn start_feeding(&mut self, now: Stamp) -> bool {
-        self.drift.start();
-        self.arrival_watch.wait();
-        self.enter(SequencerState::Feeding { since: now, starved: false }, self.expected(now))
-    }
-
-    /// Whether the parts on the plateau are known, and none will do for any request.
-    fn nothing_lies_ready(&self) -> bool {
-        self.lying.as_ref().is_some_and(|lying| !lying.parts.iter().any(|part| self.is_wanted(part)))
     }
 
     /// When the oldest request may be served if feeding begins now.
     fn expected(&self, now: Stamp) -> Option<Stamp> {
         let oldest = self.queue.front()?;
         let leg_s = self.planner.estimate_s((oldest.station_m - self.config.feeding_place.xy()).norm());
-        let s = self.drift.interval_s().max(self.config.feed_s_min) + self.pace.overheads().stop_s + leg_s;
+        let s = self.drift.interval_s().max(self.config.feed_s_min) + self.overheads.stop_s + leg_s;
         Some(now + Duration::from_secs_f64(s))
     }
 
-    /// The stops of a trip from where the courier is, with the parts as they lie.
-    pub(super) fn choose(&self, now: Stamp) -> Option<VecDeque<Stop>> {
-        let (lying, report) = (self.lying.as_ref()?, self.courier?);
-        let spent_s = now.saturating_sub(self.cycle_since).as_secs_f64();
-        let start = Start { place_m: report.position.xy(), spent_s, taken: self.taken };
-        let (overheads, soon_s) = (self.pace.overheads(), self.drift.interval_s() + self.config.feed_s_min);
-        let leaves_soon = |part: &OfferedPart| self.drift.stays_s(part) < soon_s;
-        let open = self.offers(now, 0.0);
-        let offer = Offer { parts: &lying.parts, look: lying.look, leaves_soon: &leaves_soon, open: &open };
-        let tour = best_tour(&offer, start, &self.config, &self.planner, overheads)?;
+    /// The stops of the next trip with the parts as they lie.
+    fn choose(&self) -> Option<VecDeque<Stop>> {
+        let frame = self.frame.as_ref()?;
+        let tour = best_tour(frame, &self.offers(), &self.config, &self.planner, &self.overheads)?;
         Some(tour.stops.into())
     }
 
@@ -268,7 +234,7 @@ impl DeliverySequencer {
         }
         self.feed(false);
         self.stopped = Some(now);
-        let expected = self.queue.front().map(|_| now + Duration::from_secs_f64(self.pace.overheads().stop_s));
+        let expected = self.queue.front().map(|_| now + Duration::from_secs_f64(self.overheads.stop_s));
         self.enter(SequencerState::Stopping { since: now }, expected)
     }
 }

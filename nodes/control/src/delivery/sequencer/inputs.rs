@@ -40,7 +40,7 @@ impl DeliverySequencer {
         Ok(id)
     }
 
-    /// Whether some point of the plateau can be brought under a tool axis, and a way leads there from the feeding place.
+    /// Whether some point of the plateau can be brought under a tool axis.
     fn can_serve(&self, station_m: &Vector2<f64>) -> bool {
         const STEPS: u32 = 16;
         let tray = self.planner.tray();
@@ -51,7 +51,7 @@ impl DeliverySequencer {
                 let radius_m = inner_m + (outer_m - inner_m) * f64::from(radius) / f64::from(STEPS);
                 let point_m = Vector2::new(angle_rad.cos(), angle_rad.sin()) * radius_m;
                 let stand = courier_under(station_m, &point_m, self.config.feeding_place.z);
-                self.planner.check_way(&self.config.feeding_place, &stand).is_ok()
+                self.planner.check_stand(&stand).is_ok()
             })
         })
     }
@@ -112,9 +112,6 @@ impl DeliverySequencer {
     /// Takes what vision saw; a frame older than the last one is ignored.
     pub fn candidates(&mut self, frame: CandidateFrame) {
         if self.frame.as_ref().is_none_or(|last| frame.stamp > last.stamp) {
-            if self.rest_since.is_some_and(|since| frame.stamp >= since + self.config.settle()) {
-                self.watch_slip(&frame);
-            }
             self.frame = Some(frame);
         }
     }
@@ -123,9 +120,6 @@ impl DeliverySequencer {
     pub fn courier(&mut self, report: CourierReport) {
         if self.courier.is_none_or(|last| report.stamp > last.stamp) {
             let at_rest = !report.moving && !report.vibrating;
-            if report.vibrating {
-                self.lying = None;
-            }
             self.vibrating_since = report.vibrating.then(|| self.vibrating_since.unwrap_or(report.stamp));
             self.not_fed.take_if(|_| report.vibrating);
             self.rest_since = at_rest.then(|| self.rest_since.unwrap_or(report.stamp));

@@ -3,7 +3,6 @@
 mod carrying;
 mod feeding;
 mod inputs;
-mod slip;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -11,23 +10,20 @@ use std::time::Duration;
 use nalgebra::{Vector2, Vector3};
 
 use super::arrival_watch::ArrivalWatch;
-use super::choice::{CandidateFrame, Choice, fitting, protected_parts};
+use super::choice::{CandidateFrame, Choice, fitting};
 use super::config::DeliveryConfig;
 use super::drift::Drift;
 use super::feed_watch::{FeedRate, FeedWatch};
 use super::leases::Leases;
-use super::lying::Lying;
-use super::pace::Pace;
 use super::planner::MovePlanner;
 use super::protocol::{CourierReport, Delivered, Failure, HandOver, Output, Phase, Warning};
 use super::request::{DeliveryId, DeliveryRequest, MoveId, Stamp};
-use super::tour::{Open, Stop};
+use super::tour::{Open, Overheads, Stop};
 use crate::courier::CourierLimits;
 use crate::platen::Area;
 use feeder_model::motor::Load;
 use feeder_model::range::OutOfRange;
 use feeder_model::tray::TrayGeometry;
-use slip::Slip;
 
 /// An accepted request.
 #[derive(Clone, Debug)]
@@ -145,15 +141,7 @@ pub struct DeliverySequencer {
     arrival_watch: ArrivalWatch,
     /// Since when the courier has vibrated.
     vibrating_since: Option<Stamp>,
-    pace: Pace,
-    /// When the courier was last back from a trip, or what it does now began.
-    cycle_since: Stamp,
-    /// Parts taken since then.
-    taken: u32,
-    /// The parts as they lie, until the tray is shaken.
-    lying: Option<Lying>,
-    /// How far a part was seen to slide, m, and the friction that moves reckon with since then.
-    slip: Option<Slip>,
+    overheads: Overheads,
     /// When feeding was last told to stop for a look.
     stopped: Option<Stamp>,
     /// What the generator was last told; nothing at first, when it may be doing anything.
@@ -189,6 +177,8 @@ impl DeliverySequencer {
     const ARRIVED_M: f64 = 1e-4;
     /// Room that areas leave for tracking errors, m.
     pub const TRACKING_M: f64 = 1e-3;
+    /// Share of a new observation in the running means of overheads.
+    const GAIN: f64 = 0.3;
 
     /// An idle sequencer for a tray on a courier.
     ///
@@ -202,8 +192,6 @@ impl DeliverySequencer {
     ) -> Result<Self, OutOfRange> {
         config.validate()?;
         let planner = MovePlanner::new(config.gentle, tray, limits, load)?.among(config.surroundings())?;
-        let always = protected_parts(&config, &planner, &[], None);
-        let planner = planner.protecting(&always);
         planner.check_reach(&config.feeding_place)?;
         Ok(Self {
             leases: Leases::new(config.arbitrated),
@@ -212,11 +200,7 @@ impl DeliverySequencer {
             feed_watch: FeedWatch::new(config.feed_deviation_max),
             arrival_watch: ArrivalWatch::new(tray.ramp_angle_rad),
             vibrating_since: None,
-            pace: Pace::new(),
-            cycle_since: Stamp::ZERO,
-            taken: 0,
-            lying: None,
-            slip: None,
+            overheads: Overheads { stop_s: 0.6, hand_over_s: 0.7 },
             config,
             planner,
             state: SequencerState::Idle,
@@ -403,16 +387,11 @@ impl DeliverySequencer {
         {
             self.outputs.push(Output::CancelMove(id));
         }
-        let is_lost = matches!(result, Err(Failure::PartLost(_)));
         self.close(id, result);
         match self.state.clone() {
             SequencerState::Presented { mut stops, .. } => {
                 stops.pop_front();
-                self.go_on(now, stops)
-            }
-            SequencerState::Checking { mut stops, .. } if is_lost => {
-                stops.pop_front();
-                self.go_on(now, stops)
+                self.next_stop(now, stops)
             }
             SequencerState::Moving { .. } | SequencerState::Checking { .. } => self.go_back(now),
             SequencerState::Reserving { .. } => {
@@ -453,13 +432,12 @@ impl DeliverySequencer {
         true
     }
 
-    /// The open requests as trips see them that may begin after `later_s`, s.
-    fn offers(&self, now: Stamp, later_s: f64) -> Vec<Open<'_>> {
+    /// The open requests as trips see them.
+    fn offers(&self) -> Vec<Open<'_>> {
         let open = self.queue.iter().map(|delivery| Open {
             id: delivery.id,
             request: &delivery.request,
             station_m: delivery.station_m,
-            ready_s: (self.pace.ready_s(&delivery.request.station, now) - later_s).max(0.0),
         });
         open.collect()
     }
@@ -504,4 +482,9 @@ impl DeliverySequencer {
 
 fn late(now: Stamp, since: Stamp, timeout_s: f64) -> bool {
     now >= since + Duration::from_secs_f64(timeout_s)
+}
+
+/// A running mean with one more observation, s.
+fn mean_s(mean_s: f64, since: Stamp, now: Stamp) -> f64 {
+    mean_s + DeliverySequencer::GAIN * (now.saturating_sub(since).as_secs_f64() - mean_s)
 }
