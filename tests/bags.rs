@@ -54,7 +54,8 @@ fn digest_counts(digest: &str) -> BTreeMap<String, u64> {
 }
 
 fn counts(bag: &Bag) -> BTreeMap<String, u64> {
-    bag.topics().iter().map(|topic| (topic.name.clone(), topic.count)).collect()
+    // A topic on which nothing came is in the bag too.
+    bag.topics().iter().filter(|topic| topic.count > 0).map(|topic| (topic.name.clone(), topic.count)).collect()
 }
 
 /// Runs a bag command; its output on both ends, and its exit code.

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use feeder_control::delivery::Policy;
-use feeder_scenario::{Scenario, WaveformSpec};
+use feeder_scenario::Scenario;
 use feeder_wire::topics;
 use rustix::process::Signal;
 
@@ -21,12 +21,9 @@ const FEW_COME: &str = "of the parts come up the ramp that the waveform should b
 
 #[test]
 fn parts_that_move_otherwise_than_computed_are_told_of() {
-    // Control believes less friction than there is: on the plateau parts then slide less far, 0.79 times.
+    // There is more friction than control believes: on the plateau parts then slide less far, 0.75 times.
     let mut scenario = Scenario::default();
-    scenario.believed.part_friction = Some(0.12);
-    if let WaveformSpec::Optimal { friction, .. } = &mut scenario.waveform {
-        *friction = Some(0.18);
-    }
+    scenario.world.differences.friction_ratio = 1.65;
     let outcome = Up::new("--duration 60 --composed").scenario(&scenario).success();
     let told = outcome.stderr.matches("parts on the plateau move at").count();
     assert!(told >= 1, "{}", outcome.stderr);
