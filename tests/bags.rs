@@ -91,14 +91,18 @@ fn a_run_is_recorded_whole_in_either_layout_and_every_reader_reads_it() {
     assert!(read.status.success(), "{}", String::from_utf8_lossy(&read.stderr));
     let readers: BTreeMap<String, BTreeMap<String, u64>> = serde_json::from_slice(&read.stdout).unwrap();
     assert_eq!(readers.keys().collect::<Vec<_>>(), ["mcap", "mcap-ros2-support", "rosbags"]);
+    let not_silent = |mut found: BTreeMap<String, u64>| {
+        found.retain(|_, count| *count > 0);
+        found
+    };
     for (reader, found) in readers {
-        assert_eq!(found, expected, "{reader}");
+        assert_eq!(not_silent(found), expected, "{reader}");
     }
     let mut node = Command::new("node");
     let read = node.arg(bag_reader()).arg(folder.join("processes_0.mcap")).output().unwrap();
     assert!(read.status.success(), "{}", String::from_utf8_lossy(&read.stderr));
     let found: BTreeMap<String, u64> = serde_json::from_slice(&read.stdout).unwrap();
-    assert_eq!(found, expected, "@mcap/core");
+    assert_eq!(not_silent(found), expected, "@mcap/core");
 }
 
 /// A file is named by its folder, so both have the same.
