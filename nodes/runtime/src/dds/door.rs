@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use ros2_client::dds::rustdds::{DomainParticipant, RTPSEntity};
 use tokio::time::sleep;
 
-use super::presence::{ALL_ENDPOINTS, LISTENS_ONLY, Presence, encode_gone};
+use super::presence::{ALL_ENDPOINTS, LAST_SEQUENCE, LISTENS_ONLY, Presence, encode_gone};
 use super::reach::{Kind, Own, Reach};
 use super::relay::{Relay, Source, Written};
 use super::sockets::Sockets;
@@ -141,10 +141,8 @@ pub(super) struct LastWord(Option<Herald>);
 
 impl Drop for LastWord {
     fn drop(&mut self) {
-        /// Later than every announcement: they are counted from 1.
-        const SEQUENCE: i64 = 1 << 32;
         if let Some(herald) = &self.0 {
-            herald.tell(&encode_gone(herald.presence.participant, SEQUENCE));
+            herald.tell(&encode_gone(herald.presence.participant, LAST_SEQUENCE));
         }
     }
 }

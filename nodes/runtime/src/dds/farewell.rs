@@ -10,14 +10,17 @@ use std::{collections::BTreeSet, net::SocketAddr, thread::sleep, time::Duration}
 
 use ros2_client::dds::rustdds::{DomainParticipant, RTPSEntity};
 
-use super::{Guid, datagram, graph, presence::encode_gone, wire};
+use super::{
+    Guid, datagram, graph,
+    presence::{LAST_SEQUENCE, encode_gone},
+    wire,
+};
 
 /// How long a participant stays after its last endpoint has gone. The DDS library stops its sending thread without
 /// looking whether it has sent everything, and on a busy machine it has not: what is lost then stays on the graph as a
 /// ghost for most of a minute.
 const STAY: Duration = Duration::from_millis(30);
-/// Later than every announcement of ours: they are counted from 1, one in ten seconds.
-const SEQUENCE: i64 = 1 << 32;
+
 /// Lets the goodbyes of what was dropped before it be sent, and sends one to those who cannot read them.
 pub(super) struct Farewell {
     participant: DomainParticipant,
@@ -32,7 +35,7 @@ impl Farewell {
 impl Drop for Farewell {
     fn drop(&mut self) {
         sleep(STAY);
-        let message = encode_gone(self.participant.guid().into(), SEQUENCE);
+        let message = encode_gone(self.participant.guid().into(), LAST_SEQUENCE);
         for address in addresses(&self.participant) {
             // Without it they forget us when the lease runs out.
             if let Err(error) = datagram::send(&message, &[address]) {

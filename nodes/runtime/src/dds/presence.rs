@@ -69,6 +69,9 @@ impl Presence {
     }
 }
 
+/// Later than every announcement of ours: they are counted from 1, one in ten seconds.
+pub(super) const LAST_SEQUENCE: i64 = 1 << 32;
+
 /// The message that says that a participant has gone, after those of so many numbers.
 pub(super) fn encode_gone(participant: Guid, sequence: i64) -> BytesMut {
     let mut to = begin(participant, sequence, submessage::INLINE_QOS);
