@@ -9,7 +9,6 @@ use feeder_scenario::Scenario;
 use feeder_scenario::plan::VisionSelectorConfig;
 use feeder_sim::camera::{PartView, Renderer, TrayShot, codec};
 use image::GrayImage;
-use jpeg_encoder::{Encoder, ImageBuffer, JpegColorType};
 use nalgebra::Isometry2;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -33,28 +32,6 @@ fn parts(count: u32, from_rad: f64) -> Vec<PartView> {
         .collect()
 }
 
-/// A mono picture, for the library's encoder to take row by row: its own way takes pixel by pixel.
-struct Rows<'a>(&'a GrayImage);
-
-impl ImageBuffer for Rows<'_> {
-    fn get_jpeg_color_type(&self) -> JpegColorType {
-        JpegColorType::Luma
-    }
-
-    fn width(&self) -> u16 {
-        u16::try_from(self.0.width()).expect("a camera's")
-    }
-
-    fn height(&self) -> u16 {
-        u16::try_from(self.0.height()).expect("a camera's")
-    }
-
-    fn fill_buffers(&self, row: u16, buffers: &mut [Vec<u8>; 4]) {
-        let width = usize::from(self.width());
-        buffers[0].extend_from_slice(&self.0.as_raw()[usize::from(row) * width..][..width]);
-    }
-}
-
 fn vision(criterion: &mut Criterion) {
     let scenario = Scenario::default();
     let part = scenario.part_type().expect("the catalogue is sound");
@@ -73,12 +50,6 @@ fn vision(criterion: &mut Criterion) {
     renderer.render(&shot, &parts(100, 0.0), &mut noise, &mut image).expect("the parts are sound");
     criterion.bench_function("encode", |bencher| {
         bencher.iter(|| codec::encode(black_box(&image), codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX));
-    });
-    criterion.bench_function("encode_by_a_library", |bencher| {
-        bencher.iter(|| {
-            let mut bytes = Vec::with_capacity(codec::DEFAULT_BYTES_MAX);
-            Encoder::new(&mut bytes, codec::DEFAULT_QUALITY).encode_image(Rows(black_box(&image))).map(|()| bytes)
-        });
     });
     let bytes = codec::encode(&image, codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX).expect("the frame is small");
     criterion.bench_function("decode", |bencher| {

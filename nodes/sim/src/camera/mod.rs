@@ -6,7 +6,6 @@
 
 mod appearance;
 pub mod codec;
-mod jpeg;
 mod light;
 mod noise;
 mod parts;
