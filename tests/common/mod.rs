@@ -37,7 +37,7 @@ pub(crate) use python::python;
 pub(crate) use terminal::Terminal;
 
 /// Longest wait for anything that a run does, wall time. It only keeps a failing test from hanging.
-const PATIENCE: Duration = Duration::from_secs(180);
+const PATIENCE: Duration = Duration::from_secs(600);
 
 /// Namespace of the only feeder of the built-in scenario.
 pub(crate) const FEEDER: &str = "/feeder";
