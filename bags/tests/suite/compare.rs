@@ -1,10 +1,13 @@
 //! Comparing and exporting.
 
+use std::collections::HashMap;
+
+use minifactory_msgs::msg::{AreaLease, AreaLeases};
 use ros2_bags::diff::{DiffSettings, diff};
 use ros2_bags::export::export;
 use ros2_bags::{Bag, BagWriter, Compression, NewTopic, Selection, WriteSettings};
 
-use crate::common::{STEP_NS, good, joints, text, topic};
+use crate::common::{STEP_NS, encoded, good, joints, text, topic};
 
 /// Ten joint states; `change` may change what is written of each.
 fn bag(folder: &std::path::Path, name: &str, change: impl Fn(u64, &mut u64, &mut Vec<u8>)) -> Bag {
@@ -96,4 +99,42 @@ fn numbers_and_texts_become_tables() {
     assert_eq!(table, expected);
     let texts = std::fs::read_to_string(tables.join("text.csv")).unwrap();
     assert!(texts.starts_with("log_time_ns,publish_time_ns,data\n0,0,message 0\n"), "{texts}");
+}
+
+/// Names stand in messages within lists, and in lists of texts: a table that left them out would not tell whose lease a row shows.
+#[test]
+fn whose_leases_are_whose_and_who_waits_is_told_by_name() {
+    let work = tempfile::tempdir().unwrap();
+    let folder = work.path().join("bag");
+    let lease = |lease_id: &str, agent: &str| AreaLease {
+        lease_id: lease_id.into(),
+        agent: agent.into(),
+        ..AreaLease::default()
+    };
+    let sent = [
+        AreaLeases {
+            leases: vec![lease("lease 1", "feeder")],
+            waiting: vec!["feeder_2".into(), "feeder, \"the third\"".into()],
+            ..AreaLeases::default()
+        },
+        AreaLeases { leases: vec![lease("lease 1", "feeder"), lease("lease 2", "feeder_2")], ..AreaLeases::default() },
+    ];
+    let mut writer = BagWriter::create(&folder, WriteSettings::default()).unwrap();
+    let leases = writer.add_topic(topic("/platen/leases", "minifactory_msgs/msg/AreaLeases")).unwrap();
+    for (time_ns, message) in (0..).step_by(1_000_000).zip(&sent) {
+        writer.write(leases, time_ns, time_ns, &encoded(message)).unwrap();
+    }
+    writer.finish().unwrap();
+
+    let tables = work.path().join("tables");
+    export(&Bag::open(&folder).unwrap(), &Selection::default(), &tables).unwrap();
+    let mut table = csv::Reader::from_path(tables.join("platen.leases.csv")).unwrap();
+    let rows: Vec<HashMap<String, String>> = table.deserialize().map(Result::unwrap).collect();
+    let told = |name: &str| [&*rows[0][name], &*rows[1][name]];
+    assert_eq!(told("leases[0].lease_id"), ["lease 1", "lease 1"]);
+    assert_eq!(told("leases[0].agent"), ["feeder", "feeder"]);
+    assert_eq!(told("leases[1].lease_id"), ["", "lease 2"]);
+    assert_eq!(told("leases[1].agent"), ["", "feeder_2"]);
+    assert_eq!(told("waiting[0]"), ["feeder_2", ""]);
+    assert_eq!(told("waiting[1]"), ["feeder, \"the third\"", ""]);
 }
