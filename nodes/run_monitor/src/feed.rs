@@ -100,3 +100,95 @@ fn sighting(part: &TruePart) -> Sighting {
     let (pose, position_m) = (usize::from(part.resting_pose), part.position_in_tray_m());
     Sighting { id: part.id, place: part.place, pose, position_m }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use feeder_model::tray::Place;
+    use feeder_scenario::PartSource;
+
+    use super::*;
+
+    /// The middle of the plateau, where the camera looks.
+    const MIDDLE_RAD: f64 = 1.5 * PI;
+
+    fn score() -> FeedScore {
+        FeedScore::new(TrayGeometry::PAPER, &PartSource::Name("grommet".to_owned()).part_type().unwrap())
+    }
+
+    fn part(id: u32, place: Place, angle_rad: f64) -> TruePart {
+        TruePart {
+            id,
+            part_class: String::new(),
+            place,
+            resting_pose: 0,
+            radius_m: 0.05 + 0.02 * f64::from(id),
+            angle_rad,
+            yaw_rad: 0.0,
+            radial_velocity_m_s: 0.0,
+            tangential_velocity_m_s: 0.0,
+            sticking: true,
+            stranded: false,
+        }
+    }
+
+    fn truth(parts: &[TruePart]) -> TrueParts {
+        TrueParts { parts: parts.to_vec(), ..TrueParts::default() }
+    }
+
+    /// Two good parts pass the camera and fall off the end, a lap of a minute.
+    fn lap(score: &mut FeedScore, begin_s: f64, called: impl Fn(&mut FeedScore)) {
+        let both = |place, angle_rad| truth(&[part(0, place, angle_rad), part(1, place, angle_rad)]);
+        score.learn(begin_s, &both(Place::Plateau, MIDDLE_RAD - 0.1));
+        score.learn(begin_s + 20.0, &both(Place::Plateau, MIDDLE_RAD + 0.1));
+        called(score);
+        score.learn(begin_s + 40.0, &both(Place::Falling, 0.1));
+    }
+
+    #[test]
+    fn a_good_part_that_leaves_without_having_been_called_right_in_this_lap_was_missed() {
+        let mut score = score();
+        assert!(score.wanted_poses.contains(&0));
+        lap(&mut score, 0.0, |score| score.selected(Some((0, 0))));
+        assert_eq!((score.feed().right_selections, score.feed().missed_selections), (1, 1));
+        // What was called right a lap ago is not called right now, and counts again when it is.
+        lap(&mut score, 60.0, |score| score.selected(Some((1, 0))));
+        assert_eq!((score.feed().right_selections, score.feed().missed_selections), (2, 2));
+        lap(&mut score, 120.0, |score| (0..2).for_each(|id| score.selected(Some((id, 0)))));
+        assert_eq!((score.feed().right_selections, score.feed().missed_selections), (4, 2));
+    }
+
+    #[test]
+    fn a_part_called_right_wrongly_counts_once_a_lap_and_nothing_called_right_each_time() {
+        let mut score = score();
+        let unwanted = (0..=u8::MAX).find(|pose| !score.wanted_poses.contains(pose)).unwrap();
+        for lap_number in 1..=2 {
+            lap(&mut score, 60.0 * f64::from(lap_number), |score| {
+                (0..3).for_each(|_| score.selected(Some((0, unwanted))));
+            });
+            assert_eq!((score.feed().right_selections, score.feed().wrong_selections), (0, lap_number));
+        }
+        score.selected(None);
+        score.selected(None);
+        assert_eq!(score.feed().wrong_selections, 4);
+    }
+
+    #[test]
+    fn figures_are_told_as_they_are() {
+        let mut score = score();
+        let stranded = TruePart { stranded: true, ..part(1, Place::Plateau, MIDDLE_RAD + 0.5) };
+        let passing = |angle_rad| part(0, Place::Plateau, angle_rad);
+        score.learn(0.0, &truth(&[passing(MIDDLE_RAD - 0.1), stranded.clone()]));
+        score.learn(15.0, &TrueParts { jams: 7, ..truth(&[passing(MIDDLE_RAD + 0.1), stranded]) });
+        score.selected(Some((0, 0)));
+        let header = Header { frame_id: "tray".to_owned(), ..Header::default() };
+        let (message, report) = (score.feed().message(header.clone()), score.feed().report);
+        assert_eq!((message.header, message.jams, message.stranded), (header, 7, 1));
+        let selections = (message.right_selections, message.wrong_selections, message.missed_selections);
+        assert_eq!(selections, (1, 0, 0));
+        assert_eq!((message.passed_per_min, message.good_per_min), (4.0, 4.0));
+        assert_eq!((message.plateau_parts, message.singulation), (2.0, 1.0));
+        assert!(message.gap_m > 0.01 && (message.gap_m - report.gap_m).abs() < 1e-12, "{report:?}");
+    }
+}

@@ -116,25 +116,8 @@ impl FeederMonitor {
     }
 
     pub(crate) fn publish(&self, io: &mut StepIo) {
-        let message = self.message(io);
+        let message = self.progress().message(io.header(""));
         io.publish(&self.ports.progress, &message);
-    }
-
-    fn message(&self, io: &StepIo) -> RunProgress {
-        let progress = self.progress();
-        RunProgress {
-            header: io.header(""),
-            fed: progress.fed,
-            seen: progress.seen,
-            selected: progress.selected,
-            delivered: progress.delivered,
-            wrong_pose_delivered: progress.wrong_pose_delivered,
-            max_slip_m: progress.max_slip_m.unwrap_or(-1.0),
-            odometry_error_m_max: progress.odometry.error_m_max,
-            odometry_error_m_rms: progress.odometry.error_m_rms(),
-            odometry_error_rad_max: progress.odometry.error_rad_max,
-            odometry_error_rad_rms: progress.odometry.error_rad_rms(),
-        }
     }
 }
 

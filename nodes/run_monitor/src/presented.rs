@@ -123,4 +123,23 @@ mod tests {
         let round = PartSource::Name("grommet".to_owned()).part_type().unwrap();
         assert_eq!(PresentedScore::new(&round, Vec::new()).yaw_error_rad(&lay(0.0, 1.0, true), 0.0), None);
     }
+
+    #[test]
+    fn of_several_neighbours_the_nearest_counts_and_a_gap_as_wide_as_needed_is_room() {
+        let score = |part_gap_m_min| {
+            let part = PartSource::Name("block".to_owned()).part_type().unwrap();
+            PresentedScore::new(&part, vec![WatchedGripper { station: "station_1".to_owned(), part_gap_m_min }])
+        };
+        let lays = BTreeMap::from([
+            (1, lay(0.0, FRAC_PI_2, true)),
+            (2, lay(0.015, FRAC_PI_2, true)),
+            (3, lay(-0.010, FRAC_PI_2, true)),
+        ]);
+        let gap_m = score(0.0).gap_m(1, &lays).unwrap();
+        assert!((gap_m - 0.006).abs() < 1e-9, "{gap_m}");
+        assert_eq!(score(gap_m).room_short_m("station_1", 1, &lays), None);
+        // What lies farther away is not looked at.
+        let far = BTreeMap::from([(1, lay(0.0, 0.0, true)), (2, lay(0.021, 0.0, true))]);
+        assert_eq!(score(0.1).room_short_m("station_1", 1, &far), None);
+    }
 }

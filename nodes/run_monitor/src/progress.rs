@@ -3,6 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use minifactory_msgs::msg::RunProgress;
+use minifactory_msgs::std_msgs::msg::Header;
+
 use crate::feed::Feed;
 use crate::whereabouts::OdometryScore;
 
@@ -95,6 +98,25 @@ pub struct FeederProgress {
     pub history: Arc<Vec<(f64, Feed)>>,
 }
 
+impl FeederProgress {
+    /// As a message.
+    pub(crate) fn message(&self, header: Header) -> RunProgress {
+        RunProgress {
+            header,
+            fed: self.fed,
+            seen: self.seen,
+            selected: self.selected,
+            delivered: self.delivered,
+            wrong_pose_delivered: self.wrong_pose_delivered,
+            max_slip_m: self.max_slip_m.unwrap_or(-1.0),
+            odometry_error_m_max: self.odometry.error_m_max,
+            odometry_error_m_rms: self.odometry.error_m_rms(),
+            odometry_error_rad_max: self.odometry.error_rad_max,
+            odometry_error_rad_rms: self.odometry.error_rad_rms(),
+        }
+    }
+}
+
 /// How a run has gone so far.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Progress {
@@ -154,5 +176,79 @@ impl Progress {
     #[must_use]
     pub fn max_slip_m(&self) -> Option<f64> {
         self.feeders.iter().filter_map(|feeder| feeder.max_slip_m).reduce(f64::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::whereabouts::Whereabouts;
+
+    #[test]
+    fn counts_of_feeders_are_added_up_and_of_their_errors_the_largest_is_told() {
+        let odometry = |count: u32, error_m: f64| {
+            let mut whereabouts = Whereabouts::default();
+            for stamp_ns in 0..count.into() {
+                whereabouts.say(stamp_ns, Vector3::new(error_m, 0.0, 0.0));
+                whereabouts.learn(stamp_ns, Vector3::zeros());
+            }
+            whereabouts.score
+        };
+        let feeder = |count: u32, error: f64| FeederProgress {
+            delivered: count,
+            seen: 10 * count,
+            selected: 100 * count,
+            max_yaw_error_rad: Some(error),
+            room_short_m_max: 2.0 * error,
+            max_slip_m: Some(3.0 * error),
+            odometry: odometry(count, error),
+            ..FeederProgress::default()
+        };
+        let none = Progress { feeders: vec![FeederProgress::default()], ..Progress::default() };
+        assert_eq!((none.delivered(), none.seen(), none.selected()), (0, 0, 0));
+        assert_eq!((none.max_yaw_error_rad(), none.max_slip_m(), none.room_short_m_max()), (None, None, 0.0));
+        let feeders = vec![feeder(2, 0.5), FeederProgress::default(), feeder(3, 0.25)];
+        let all = Progress { feeders, ..Progress::default() };
+        assert_eq!((all.delivered(), all.seen(), all.selected()), (5, 50, 500));
+        assert_eq!((all.max_yaw_error_rad(), all.max_slip_m(), all.room_short_m_max()), (Some(0.5), Some(1.5), 1.0));
+        assert_eq!((all.odometry().error_m_max, all.odometry().compared), (0.5, 5));
+    }
+
+    #[test]
+    fn a_message_tells_what_was_counted_and_below_zero_a_slip_that_is_not_known() {
+        let mut whereabouts = Whereabouts::default();
+        for (stamp_ns, x_m, yaw_rad) in [(1, 0.5, 0.25), (2, 0.0, 0.0)] {
+            whereabouts.say(stamp_ns, Vector3::new(x_m, 0.0, yaw_rad));
+            whereabouts.learn(stamp_ns, Vector3::zeros());
+        }
+        let progress = FeederProgress {
+            fed: 1,
+            seen: 2,
+            selected: 3,
+            delivered: 4,
+            wrong_pose_delivered: 5,
+            max_slip_m: Some(0.125),
+            odometry: whereabouts.score,
+            ..FeederProgress::default()
+        };
+        let header = Header { frame_id: "run".to_owned(), ..Header::default() };
+        let expected = RunProgress {
+            header: header.clone(),
+            fed: 1,
+            seen: 2,
+            selected: 3,
+            delivered: 4,
+            wrong_pose_delivered: 5,
+            max_slip_m: 0.125,
+            odometry_error_m_max: 0.5,
+            odometry_error_m_rms: 0.125_f64.sqrt(),
+            odometry_error_rad_max: 0.25,
+            odometry_error_rad_rms: 0.031_25_f64.sqrt(),
+        };
+        assert_eq!(progress.message(header.clone()), expected);
+        let unknown = FeederProgress { max_slip_m: None, ..progress };
+        assert_eq!(unknown.message(header), RunProgress { max_slip_m: -1.0, ..expected });
     }
 }

@@ -154,4 +154,47 @@ mod tests {
         assert_eq!(truth.part_at(20, &Vector2::new(0.0700, 0.0), 0.002), None);
         assert_eq!(truth.part_at(15, &Vector2::new(0.0795, 0.0), 0.002), None);
     }
+
+    #[test]
+    fn a_part_is_remembered_as_it_lay_last_and_old_moments_are_forgotten() {
+        let mut truth = Truth::default();
+        truth.learn(0, &parts(&[0.060, 0.080]));
+        for stamp_ns in 1..MEMORY as u64 {
+            truth.learn(stamp_ns, &parts(&[0.070]));
+        }
+        assert!((truth.last(0).unwrap().place_m.x - 0.070).abs() < 1e-12);
+        assert!((truth.last(1).unwrap().place_m.x - 0.080).abs() < 1e-12 && truth.last(2).is_none());
+        assert!(truth.at(0).is_some());
+        truth.learn(MEMORY as u64, &parts(&[0.070]));
+        assert!(truth.at(0).is_none() && truth.at(1).is_some() && truth.last(1).is_none());
+    }
+
+    #[test]
+    fn how_a_part_lies_is_kept_and_a_point_as_far_as_the_reach_is_within() {
+        let mut truth = Truth::default();
+        let mut lying = parts(&[0.5, 0.25]);
+        lying[0] = TruePart { yaw_rad: 0.5, resting_pose: 3, ..lying[0].clone() };
+        lying[1].place = Place::Ramp;
+        truth.learn(10, &lying);
+        let lays = truth.at(10).unwrap();
+        assert_eq!((lays[&0].yaw_rad, lays[&0].pose, lays[&0].on_plateau), (0.5, 3, true));
+        assert!(!lays[&1].on_plateau);
+        assert_eq!(truth.part_at(10, &Vector2::new(0.75, 0.0), 0.25), Some((0, 3)));
+        assert_eq!(truth.part_at(10, &Vector2::new(0.75, 0.0), 0.249), None);
+    }
+
+    #[test]
+    fn slip_counts_from_the_first_moment_that_is_as_late_as_the_picture_and_not_from_a_picture_still_to_come() {
+        let mut truth = Truth::default();
+        for (stamp_ns, radius_m) in [(10, 0.070), (20, 0.080), (30, 0.081)] {
+            truth.learn(stamp_ns, &parts(&[radius_m]));
+        }
+        truth.settle(40);
+        assert_eq!(truth.slip_m(0), None);
+        truth.settle(15);
+        assert!((truth.slip_m(0).unwrap() - 0.001).abs() < 1e-12);
+        // Another choice begins anew.
+        truth.settle(10);
+        assert!((truth.slip_m(0).unwrap() - 0.011).abs() < 1e-12);
+    }
 }

@@ -119,4 +119,50 @@ mod tests {
         assert!((score.error_m_rms() - 0.004 / 2.0_f64.sqrt()).abs() < 1e-12, "{score:?}");
         assert!((score.error_rad_max - 0.01).abs() < 1e-12, "{score:?}");
     }
+
+    #[test]
+    fn of_odometry_whose_truth_does_not_come_only_the_latest_is_kept() {
+        let mut whereabouts = Whereabouts::default();
+        for stamp_ns in 1..=WAITING as u64 + 3 {
+            whereabouts.say(stamp_ns, Vector3::zeros());
+        }
+        assert_eq!((whereabouts.said.len(), whereabouts.said[0].0), (WAITING, 4));
+        whereabouts.learn(10, Vector3::new(1.0, 2.0, 3.0));
+        assert_eq!(whereabouts.truth, Some(Vector3::new(1.0, 2.0, 3.0)));
+        assert_eq!((whereabouts.said.len(), whereabouts.score.compared), (WAITING - 7, 1));
+    }
+
+    #[test]
+    fn what_a_driver_says_of_its_errors_counts_by_size() {
+        let mut score = OdometryScore::default();
+        for (tracking_m, tracking_rad) in [(0.001, -0.02), (-0.003, 0.01), (0.002, 0.0)] {
+            score.hear(tracking_m, tracking_rad);
+        }
+        assert_eq!((score.tracking_m_max, score.tracking_rad_max), (0.003, 0.02));
+        assert_eq!((score.error_m_rms(), score.error_rad_rms()), (0.0, 0.0));
+    }
+
+    /// Two scores make one as if all had been compared by one of them.
+    #[test]
+    fn scores_of_couriers_become_one() {
+        let compared = |errors: &[(f64, f64)]| {
+            let mut score = OdometryScore::default();
+            for (error_m, error_rad) in errors {
+                score.compare(
+                    &Vector3::new(3.0 * error_m, 4.0 * error_m, 1.0),
+                    &Vector3::new(0.0, 0.0, 1.0 + error_rad),
+                );
+                score.hear(*error_rad, *error_m);
+            }
+            score
+        };
+        let (first, second) = (&[(0.25, -0.5), (0.5, 0.25)], &[(1.0, 0.125)]);
+        let both = compared(&[first.as_slice(), second].concat());
+        assert_eq!(compared(first).with(&compared(second)), both);
+        assert_eq!(compared(second).with(&compared(first)), both);
+        assert_eq!((both.compared, both.error_m_max, both.error_rad_max), (3, 5.0, 0.5));
+        assert_eq!((both.tracking_m_max, both.tracking_rad_max), (0.5, 1.0));
+        assert!((both.error_m_rms() - (25.0 * (0.0625 + 0.25 + 1.0) / 3.0_f64).sqrt()).abs() < 1e-12, "{both:?}");
+        assert!((both.error_rad_rms() - ((0.25 + 0.0625 + 0.015_625) / 3.0_f64).sqrt()).abs() < 1e-12, "{both:?}");
+    }
 }

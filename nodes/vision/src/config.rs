@@ -29,7 +29,9 @@ pub struct SelectorConfig {
     /// Mean square miss, in the template's standard deviations, up to which something is a part.
     #[schemars(range(min = 0.01, max = 16.0))]
     pub miss_max: f64,
-    /// By how much, per texel, the evidence for a pose must be stronger than that for another in the same place.
+    /// By how much, per texel, the evidence for a pose must be stronger than that for another in the same place. Any value is
+    /// reached where no other fits even roughly. In light that is not the one taught, four parts of a pose or more are held
+    /// against each other instead.
     #[schemars(range(min = 0.01, max = 16.0))]
     pub evidence_lead_min: f64,
     /// Following parts from frame to frame.

@@ -121,3 +121,73 @@ impl Declaration {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_integer_is_allowed_from_bound_to_bound_on_the_steps_from_the_lower_one_and_on_the_upper_one() {
+        let allowed = |step, value| Range::Integer { from: 10, to: 25, step }.check(&Value::Integer(value));
+        for (step, values, refused) in
+            [(0, [10, 11, 25], [9, 26]), (10, [10, 20, 25], [0, 30]), (10, [10; 3], [11, 24])]
+        {
+            for value in values {
+                assert_eq!(allowed(step, value), Ok(()), "{value} by {step}");
+            }
+            for value in refused {
+                assert!(allowed(step, value).is_err(), "{value} by {step}");
+            }
+        }
+        assert_eq!(allowed(0, 9), Err("9 is not in 10 … 25".to_owned()));
+        assert_eq!(allowed(10, 9), Err("9 is not in 10 … 25 in steps of 10".to_owned()));
+    }
+
+    #[test]
+    fn a_double_is_allowed_likewise_and_a_decimal_step_is_met_as_well_as_binary_numbers_can() {
+        let allowed = |step, value| Range::Double { from: 1.0, to: 2.5, step }.check(&Value::Double(value));
+        for (step, values, refused) in [
+            (0.0, [1.0, 1.234, 2.5], [0.999, 2.501]),
+            (1.0, [1.0, 2.0, 2.5], [0.0, 3.0]),
+            (1.0, [1.0, 2.0, 2.5], [1.5, 2.1]),
+            (0.1, [1.3, 1.1 + 0.1 + 0.1, 2.4], [1.35, 1.300_001]),
+        ] {
+            for value in values {
+                assert_eq!(allowed(step, value), Ok(()), "{value} by {step}");
+            }
+            for value in refused {
+                assert!(allowed(step, value).is_err(), "{value} by {step}");
+            }
+        }
+        assert_eq!(allowed(0.0, 3.0), Err("3.0 is not in 1.0 … 2.5".to_owned()));
+        assert_eq!(allowed(0.5, 3.0), Err("3.0 is not in 1.0 … 2.5 in steps of 0.5".to_owned()));
+        assert!(allowed(0.0, f64::NAN).is_err());
+    }
+
+    #[test]
+    fn a_descriptor_says_what_was_declared() {
+        let plain = Declaration::new("lens", Value::Text("wide".to_owned()), "Lens").descriptor();
+        assert_eq!(
+            (&*plain.name, &*plain.description, plain.r#type),
+            ("lens", "Lens", Value::Text(String::new()).kind() as u8)
+        );
+        assert!(!plain.read_only && plain.additional_constraints.is_empty());
+        assert!(plain.integer_range.is_empty() && plain.floating_point_range.is_empty());
+        let rows = Declaration::new("rows", Value::Integer(480), "Rows of a frame")
+            .range(Range::Integer { from: 16, to: 4_096, step: 8 })
+            .constraints("as the camera has")
+            .read_only()
+            .descriptor();
+        assert!(rows.read_only && rows.additional_constraints == "as the camera has");
+        assert_eq!(rows.integer_range, [IntegerRange { from_value: 16, to_value: 4_096, step: 8 }]);
+        let rate = Declaration::new("rate_hz", Value::Double(1.0), "Rate").range(Range::Double {
+            from: 0.5,
+            to: 4.0,
+            step: 0.25,
+        });
+        assert_eq!(
+            rate.descriptor().floating_point_range,
+            [FloatingPointRange { from_value: 0.5, to_value: 4.0, step: 0.25 }]
+        );
+    }
+}

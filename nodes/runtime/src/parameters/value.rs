@@ -213,3 +213,76 @@ fn array(values: Vec<Value>) -> Option<Value> {
         Some(_) => return None,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One of each kind, by its name.
+    fn values() -> [(Value, &'static str); 9] {
+        [
+            (Value::Bool(true), "a bool"),
+            (Value::Integer(-7), "an integer"),
+            (Value::Double(0.5), "a double (write 1.0, not 1)"),
+            (Value::Text("tray".to_owned()), "a string"),
+            (Value::Bytes(vec![1, 255]), "bytes"),
+            (Value::Bools(vec![true, false]), "an array of bools"),
+            (Value::Integers(vec![3, -4]), "an array of integers"),
+            (Value::Doubles(vec![1.0, -0.25]), "an array of doubles (write 1.0, not 1)"),
+            (Value::Texts(vec!["a".to_owned(), String::new()]), "an array of strings"),
+        ]
+    }
+
+    #[test]
+    fn every_kind_of_value_comes_back_from_its_message_and_has_a_name() {
+        for (number, (value, name)) in (1..).zip(values()) {
+            let message = value.to_message();
+            assert_eq!((message.r#type, value.kind().to_string()), (number, name.to_owned()));
+            assert_eq!(Value::from_message(message), Some(value));
+        }
+        for number in [0, 10] {
+            assert_eq!(Value::from_message(ParameterValue { r#type: number, ..Default::default() }), None);
+        }
+    }
+
+    #[test]
+    fn only_an_empty_array_of_a_text_file_may_be_one_of_any_kind() {
+        for (value, _) in values() {
+            let kind = value.kind();
+            let fitted = Value::Texts(Vec::new()).fit_empty_array(kind);
+            let is_array = matches!(kind, Kind::Bytes | Kind::Bools | Kind::Integers | Kind::Doubles);
+            assert_eq!(fitted.kind(), if is_array { kind } else { Kind::Texts }, "{kind}");
+            for (other, _) in values() {
+                assert_eq!(other.clone().fit_empty_array(kind), other, "{kind}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_value_is_read_as_yaml_writes_it() {
+        let read = |text: &str| serde_saphyr::from_str::<Value>(text);
+        for (text, value) in [
+            ("true", Value::Bool(true)),
+            ("-7", Value::Integer(-7)),
+            ("9223372036854775807", Value::Integer(i64::MAX)),
+            ("1.0", Value::Double(1.0)),
+            ("tray", Value::Text("tray".to_owned())),
+            ("[]", Value::Texts(Vec::new())),
+            ("[true, false]", Value::Bools(vec![true, false])),
+            ("[3, -4]", Value::Integers(vec![3, -4])),
+            ("[1.0, -0.25]", Value::Doubles(vec![1.0, -0.25])),
+            ("[a, 'b']", Value::Texts(vec!["a".to_owned(), "b".to_owned()])),
+        ] {
+            assert_eq!(read(text).unwrap(), value, "{text}");
+        }
+        for (text, reason) in [
+            ("9223372036854775808", "9223372036854775808 exceeds 9223372036854775807"),
+            ("[1, 1.0]", "an array holds values of one type, and no arrays"),
+            ("[[1]]", "an array holds values of one type, and no arrays"),
+            ("{a: 1}", "a bool, a number, a string, or an array of one of these"),
+        ] {
+            let error = read(text).unwrap_err().to_string();
+            assert!(error.contains(reason), "{text}: {error}");
+        }
+    }
+}

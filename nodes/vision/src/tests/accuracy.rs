@@ -94,6 +94,37 @@ fn val_accuracy_in_a_crowd() {
     score(&GROMMET, 6.0, 200, 2.0 * RADIUS_M, 5).require();
 }
 
+/// What is taught of grommets on their flange, and a pose that looks the same but for being brighter by so many standard deviations.
+fn with_a_rival(sigmas: f32) -> PartModel {
+    let pose = MODEL.poses[0].clone();
+    let sigma = pose.deviation.values();
+    let brighter = |plane: &Plane| {
+        let levels = plane.values().iter().zip(sigma).map(|(level, sigma)| level + sigmas * sigma);
+        Plane::new(sigma.len().isqrt(), levels.collect())
+    };
+    let rival = PoseTemplate { at_yaws: pose.at_yaws.iter().map(brighter).collect(), ..pose.clone() };
+    PartModel { poses: vec![pose, rival], ..MODEL.clone() }
+}
+
+#[test]
+fn a_pose_must_lead_one_that_looks_alike_by_the_evidence_asked_for_and_is_led_by_any_amount_where_none_comes_near() {
+    let (scene, picture) = (scene(&GROMMET, 2.0), simple_picture(&[at(0.06, 4.0, 0), at(0.07, 5.0, 0)]));
+    let poses = |model: &PartModel, evidence_lead_min: f64| -> Vec<Option<usize>> {
+        let config = SelectorConfig { evidence_lead_min, ..SelectorConfig::default() };
+        let mut selector = Selector::new(config, &scene.camera, &scene.tray, model).unwrap();
+        selector.detect(&picture, &over_camera()).unwrap().iter().map(|candidate| candidate.pose).collect()
+    };
+    let usual = SelectorConfig::default().evidence_lead_min;
+    for (model, evidence_lead_min, pose) in [
+        (&with_a_rival(8.0), usual, Some(0)),
+        (&with_a_rival(8.0), 16.0, None),
+        (&with_a_rival(0.0), usual, None),
+        (&*MODEL, 16.0, Some(0)),
+    ] {
+        assert_eq!(poses(model, evidence_lead_min), [pose; 2], "asked for: {evidence_lead_min}");
+    }
+}
+
 /// A coin looks the same from no other side: a yaw reversed or turned the other way round would be off by much.
 #[test]
 fn a_yaw_is_found_as_the_part_is_turned() {
