@@ -48,6 +48,17 @@ struct Feeder {
 /// How often a report is sent before the feeder is given up.
 const REPORT_ATTEMPTS: u32 = 3;
 
+/// A goal that has not ended.
+struct OpenGoal {
+    id: GoalId,
+    /// Index of the feeder.
+    feeder: usize,
+    /// Once its part is presented.
+    delivery_id: Option<String>,
+    /// Number of the last report on this delivery.
+    sequence: u32,
+}
+
 /// A report on a hand-over that its feeder has not answered yet.
 struct OpenReport {
     /// Index of the feeder.
@@ -80,15 +91,14 @@ pub struct OverheadManipulator {
     manipulator: Manipulator,
     config: OverheadManipulatorConfig,
     random: Pcg64Mcg,
-    goal: Option<GoalId>,
-    presented: bool,
+    goals: Vec<OpenGoal>,
+    /// What the manipulator is to hear of itself in the next step.
+    own_events: Vec<Event>,
     gripping: Option<CallId>,
     /// In the order they are to be heard in.
     reports: VecDeque<OpenReport>,
     /// The first of them, on its way.
     reporting: Option<CallId>,
-    /// Number of the last report on this delivery.
-    sequence: u32,
 }
 
 impl FeederNode for OverheadManipulator {
@@ -135,12 +145,11 @@ impl FeederNode for OverheadManipulator {
             manipulator: Manipulator::new(config.manipulator, random).map_err(NodeError::new)?,
             random: generator(config.seed, &config.station),
             config: config.clone(),
-            goal: None,
-            presented: false,
+            goals: Vec::new(),
+            own_events: Vec::new(),
             gripping: None,
             reports: VecDeque::new(),
             reporting: None,
-            sequence: 0,
         })
     }
 
@@ -169,29 +178,33 @@ impl FeederNode for OverheadManipulator {
 
 impl OverheadManipulator {
     fn hear(&mut self, io: &mut StepIo) -> Vec<Event> {
-        let mut events = Vec::new();
+        let mut events = std::mem::take(&mut self.own_events);
         for feeder in &mut self.feeders {
             for event in feeder.deliver.poll(io) {
-                match event {
-                    ClientEvent::Accepted(_) => events.push(Event::Accepted),
-                    ClientEvent::Rejected(_) => {
-                        events.push(Event::NoPart("the feeder refused the request".to_owned()));
-                    }
-                    ClientEvent::Lost(_) => events.push(Event::NoPart("the feeder does not answer".to_owned())),
-                    ClientEvent::Feedback(id, feedback) if Some(id) == self.goal && !self.presented => {
-                        if let Some(presented) = presented(feedback, self.config.jaws_yaw_rad) {
-                            self.presented = true;
-                            events.push(Event::Presented(presented));
+                let (id, end) = match event {
+                    ClientEvent::Accepted(_) => continue,
+                    ClientEvent::Feedback(id, feedback) => {
+                        if let Some(goal) = self.goals.iter_mut().find(|goal| goal.id == id)
+                            && goal.delivery_id.is_none()
+                            && let Some(part) = presented(feedback, self.config.jaws_yaw_rad)
+                        {
+                            goal.delivery_id = Some(part.delivery_id.clone());
+                            events.push(Event::Presented(part));
                         }
+                        continue;
                     }
-                    ClientEvent::Finished(id, _, result) if Some(id) == self.goal => {
-                        if let Some(reason) = failure(result) {
-                            tracing::warn!("no part: {reason}");
-                            events.push(Event::NoPart(reason));
-                        }
-                    }
-                    ClientEvent::Feedback(..) | ClientEvent::Finished(..) => {}
-                }
+                    ClientEvent::Rejected(id) => (id, Some("the feeder refused the request".to_owned())),
+                    ClientEvent::Lost(id) => (id, Some("the feeder does not answer".to_owned())),
+                    ClientEvent::Finished(id, _, result) => (id, failure(result)),
+                };
+                let Some(index) = self.goals.iter().position(|goal| goal.id == id) else { continue };
+                let goal = self.goals.swap_remove(index);
+                let Some(reason) = end else { continue };
+                tracing::warn!("no part: {reason}");
+                events.push(match goal.delivery_id {
+                    None => Event::NoPart(reason),
+                    Some(delivery_id) => Event::Withdrawn { delivery_id },
+                });
             }
             for (call, response) in io.replies(&feeder.pick) {
                 if self.gripping == Some(call) {
@@ -230,9 +243,7 @@ impl OverheadManipulator {
             Action::Request => {
                 self.asked = (self.asked + 1) % self.feeders.len();
                 let id = GoalId(self.random.random());
-                self.goal = Some(id);
-                self.presented = false;
-                self.sequence = 0;
+                self.goals.push(OpenGoal { id, feeder: self.asked, delivery_id: None, sequence: 0 });
                 let wanted = PartWanted {
                     station: self.config.station.clone(),
                     part_class: Some(self.config.part_class.clone()),
@@ -243,7 +254,11 @@ impl OverheadManipulator {
                 };
                 self.feeders[self.asked].deliver.send(io, id, deliver_part::to_goal(&wanted));
             }
-            Action::Grip { x_m, y_m, z_m, theta_rad } => {
+            Action::Grip { delivery_id, x_m, y_m, z_m, theta_rad } => {
+                let Some(feeder) = self.goal_of(&delivery_id).map(|goal| goal.feeder) else {
+                    let ended = Err("the delivery has ended".to_owned());
+                    return self.own_events.push(Event::Gripped(ended));
+                };
                 let grip = GripRequest {
                     station: self.config.station.clone(),
                     tool_in_platen: UprightPose {
@@ -254,7 +269,7 @@ impl OverheadManipulator {
                     },
                     opening_m: self.config.gripper_opening_m,
                 };
-                self.gripping = Some(io.call(&self.feeders[self.asked].pick, &pick::to_request(&grip)));
+                self.gripping = Some(io.call(&self.feeders[feeder].pick, &pick::to_request(&grip)));
             }
             Action::Report { delivery_id, taken } => {
                 let (hand_over, message) = match taken {
@@ -269,11 +284,17 @@ impl OverheadManipulator {
         }
     }
 
+    fn goal_of(&mut self, delivery_id: &str) -> Option<&mut OpenGoal> {
+        self.goals.iter_mut().find(|goal| goal.delivery_id.as_deref() == Some(delivery_id))
+    }
+
+    /// Reports on a delivery; one that has ended needs no report.
     fn report(&mut self, io: &mut StepIo, delivery_id: String, hand_over: HandOver, message: String) {
-        self.sequence += 1;
-        let report = HandOverReport { delivery_id, sequence: self.sequence, hand_over, message };
-        let request = hand_over::to_request(report);
-        self.reports.push_back(OpenReport { feeder: self.asked, request, attempts: 0 });
+        let Some(goal) = self.goal_of(&delivery_id) else { return };
+        goal.sequence += 1;
+        let (feeder, sequence) = (goal.feeder, goal.sequence);
+        let request = hand_over::to_request(HandOverReport { delivery_id, sequence, hand_over, message });
+        self.reports.push_back(OpenReport { feeder, request, attempts: 0 });
         self.send_report(io);
     }
 
