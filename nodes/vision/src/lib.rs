@@ -17,6 +17,7 @@ mod calibration;
 mod candidate;
 mod config;
 mod detector;
+mod flow;
 mod health;
 mod modes;
 mod overlay;
@@ -96,6 +97,8 @@ pub struct Selector {
     config: SelectorConfig,
     sight: Sight,
     tracker: Tracker,
+    /// Whether the tray may have been shaken since the frame before.
+    shaken: bool,
     health: FrameHealth,
 }
 
@@ -115,7 +118,13 @@ impl Selector {
         Self::check(&config, camera, tray, model)?;
         let symmetries = model.poses.iter().map(|pose| pose.yaw_symmetry).collect();
         let tracker = Tracker::new(config.tracker, symmetries);
-        Ok(Self { config, sight: Sight::new(camera, tray, model), tracker, health: FrameHealth::default() })
+        Ok(Self {
+            config,
+            sight: Sight::new(camera, tray, model),
+            tracker,
+            shaken: true,
+            health: FrameHealth::default(),
+        })
     }
 
     /// Checks what a selector is made of.
@@ -140,6 +149,12 @@ impl Selector {
         Ok(())
     }
 
+    /// Takes whether the tray was shaken between the frame looked at last and the next one: if not, parts lie where they
+    /// lay. Until it is told otherwise it may have been.
+    pub fn note_shaken(&mut self, shaken: bool) {
+        self.shaken = shaken;
+    }
+
     /// Looks at a frame taken at `stamp_s` with the tray at `platen_from_tray`; returns the parts it shows, tracked, in
     /// the order of their identities.
     ///
@@ -154,18 +169,18 @@ impl Selector {
     ) -> Result<Vec<TrackedCandidate>, ImageFault> {
         let candidates = self.detect(image, platen_from_tray);
         let seen = candidates.as_ref().map_or(&[][..], Vec::as_slice);
-        let tracked = self.tracker.update(stamp_s, seen);
+        let tracked = self.tracker.update(stamp_s, seen, self.shaken);
         candidates.map(|_| tracked)
     }
 
-    /// As [`Self::process`] of a frame that shows no plateau, as far as `platen_from_tray` tells that without a look at it.
+    /// Whether a frame with the tray at `platen_from_tray` shows any of the plateau, as far as that tells without a look at
+    /// it. Tracks wait for the next one that does: nothing was missed.
     ///
     /// # Errors
     ///
     /// [`ImageFault::PlateauOutOfView`].
-    pub fn glance(&mut self, stamp_s: f64, platen_from_tray: &Isometry2<f64>) -> Result<(), ImageFault> {
+    pub fn glance(&self, platen_from_tray: &Isometry2<f64>) -> Result<(), ImageFault> {
         if self.sight.taught.view(platen_from_tray).plateau_window().is_none() {
-            self.tracker.update(stamp_s, &[]);
             return Err(ImageFault::PlateauOutOfView);
         }
         Ok(())

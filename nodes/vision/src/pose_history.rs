@@ -78,13 +78,18 @@ pub struct PoseHistory {
     config: PoseHistoryConfig,
     /// In order of time, each later than the one before it.
     poses: VecDeque<TimedPose>,
+    /// When the tray was seen to be shaken last, or the first pose was noted, ns.
+    shaken_ns: Option<u64>,
 }
+
+/// A tray that turns faster is shaken, rad/s: waveforms reach some tenths, moves do without.
+const SHAKEN_RAD_S: f64 = 0.02;
 
 impl PoseHistory {
     /// An empty history.
     #[must_use]
     pub fn new(config: PoseHistoryConfig) -> Self {
-        Self { config, poses: VecDeque::new() }
+        Self { config, poses: VecDeque::new(), shaken_ns: None }
     }
 
     /// How odometry and images are brought together.
@@ -98,6 +103,9 @@ impl PoseHistory {
         let finite = pose.position.iter().chain(&pose.velocity).all(|value| value.is_finite());
         if !finite || self.poses.back().is_some_and(|last| last.stamp_ns >= pose.stamp_ns) {
             return;
+        }
+        if pose.velocity.z.abs() > SHAKEN_RAD_S || self.shaken_ns.is_none() {
+            self.shaken_ns = Some(pose.stamp_ns);
         }
         self.poses.push_back(pose);
         // One that is too old is the beginning of the oldest stretch that is not.
@@ -130,6 +138,12 @@ impl PoseHistory {
             return Err(NoPose::Gap);
         }
         Ok(isometry(&between(before, next, seconds(stamp_ns - before.stamp_ns) / span_s, span_s)))
+    }
+
+    /// Whether the tray may have been shaken after `stamp_ns`: it was seen to turn, or nothing is known from then on.
+    #[must_use]
+    pub fn shaken_since(&self, stamp_ns: u64) -> bool {
+        self.shaken_ns.is_none_or(|shaken_ns| shaken_ns > stamp_ns)
     }
 
     fn is_too_old(&self, stamp_ns: u64) -> bool {
@@ -203,6 +217,21 @@ mod tests {
         history.note(at(20 * MS, f64::NAN));
         assert_eq!(history.at(7 * MS), Ok(Isometry2::identity()));
         assert_eq!(history.at(20 * MS), Err(NoPose::Ahead));
+    }
+
+    #[test]
+    fn a_tray_was_shaken_where_it_turned_or_nothing_is_known_of_it() {
+        let turning = |ms: u64, yaw_rate_rad_s: f64| TimedPose {
+            velocity: Vector3::new(0.3, 0.0, yaw_rate_rad_s),
+            ..at(ms * MS, 0.0)
+        };
+        assert!(history([]).shaken_since(0));
+        let mut history = history([turning(10, 0.0), turning(20, -0.2)]);
+        // However long ago that was.
+        (3..300).for_each(|tick| history.note(turning(10 * tick, 0.001)));
+        assert!(history.shaken_since(19 * MS) && !history.shaken_since(20 * MS) && !history.shaken_since(2990 * MS));
+        let still = self::history([turning(10, 0.0), turning(20, 0.0)]);
+        assert!(still.shaken_since(9 * MS) && !still.shaken_since(10 * MS));
     }
 
     #[test]

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Candidate;
 use super::detector::yaw_difference_rad;
+use super::flow::{Lying, common_turn_rad};
 use feeder_model::range::{OutOfRange, check_ranges};
 
 /// How parts are followed.
@@ -15,6 +16,9 @@ pub struct TrackerConfig {
     /// A part this far from where it was expected is another part, m.
     #[schemars(range(max = 100.0), extend("exclusiveMinimum" = 0.0))]
     pub gate_m: f64,
+    /// Parts are followed up to this speed of feed, m/s.
+    #[schemars(range(min = 0.001, max = 10.0))]
+    pub feed_m_s_max: f64,
     /// Frames in a row a part may be missed before it is forgotten.
     pub missed_max: u32,
     /// What a frame's evidence for a pose still counts one frame later, 0 to below 1.
@@ -44,6 +48,7 @@ impl Default for TrackerConfig {
     fn default() -> Self {
         Self {
             gate_m: 0.003,
+            feed_m_s_max: 0.15,
             missed_max: 5,
             memory: 0.8,
             measurement_sigma_m: 0.000_1,
@@ -234,10 +239,24 @@ impl Track {
     }
 }
 
+/// The velocity of a place that turns about the tray's axis, m/s.
+fn turned(place: Point2<f64>, turn_rad_s: f64) -> [f64; 2] {
+    [-turn_rad_s * place.y, turn_rad_s * place.x]
+}
+
+/// Parts that were fed unseen for longer than this are not known again, s.
+const UNSEEN_S_MAX: f64 = 0.5;
+/// Slower turns of all parts are none, rad/s.
+const STILL_RAD_S: f64 = 0.01;
+/// By how much faster or slower a part may become with the others from one frame to the next, as a factor.
+const CHANGE_MAX: f64 = 2.0;
+
 /// Keeps the tracks.
 #[derive(Clone, Debug)]
 pub(super) struct Tracker {
     config: TrackerConfig,
+    /// How fast the feed turned all parts about the tray's axis at the latest frame, rad/s.
+    turn_rad_s: f64,
     /// Yaw symmetry of each pose.
     symmetries: Vec<u32>,
     next_id: u64,
@@ -246,11 +265,43 @@ pub(super) struct Tracker {
 
 impl Tracker {
     pub(super) fn new(config: TrackerConfig, symmetries: Vec<u32>) -> Self {
-        Self { config, symmetries, next_id: 1, tracks: Vec::new() }
+        Self { config, turn_rad_s: 0.0, symmetries, next_id: 1, tracks: Vec::new() }
     }
 
-    /// Takes in what a frame shows; returns the tracks it shows, by identity.
-    pub(super) fn update(&mut self, stamp_s: f64, candidates: &[Candidate]) -> Vec<TrackedCandidate> {
+    /// Parts are about to have been fed as far as those of a frame show, if the tray was `shaken` since the one before.
+    fn follow_feed(&mut self, stamp_s: f64, candidates: &[Candidate], shaken: bool) {
+        let Some(dt) = self.tracks.iter().map(|track| stamp_s - track.stamp_s).reduce(f64::min) else { return };
+        let before: Vec<Lying> =
+            self.tracks.iter().map(|track| Lying { place: track.position(), pose: track.pose().0 }).collect();
+        let now: Vec<Lying> =
+            candidates.iter().map(|candidate| Lying { place: candidate.centre(), pose: candidate.pose }).collect();
+        let radius_m = before.iter().map(|lying| lying.place.coords.norm()).fold(0.0, f64::max);
+        if dt <= 0.0 || radius_m <= 0.0 {
+            return;
+        }
+        if shaken && dt > UNSEEN_S_MAX {
+            self.tracks.clear();
+            return;
+        }
+        let (way_m_max, expected_rad) = (self.config.feed_m_s_max * dt, self.turn_rad_s * dt);
+        let found = || common_turn_rad(&before, &now, radius_m, way_m_max, expected_rad);
+        let Some(turn_rad) = (if shaken { found() } else { Some(0.0) }) else { return };
+        let turn_rad_s = turn_rad / dt;
+        let factor = turn_rad_s / self.turn_rad_s;
+        for track in &mut self.tracks {
+            track.place.rate = if self.turn_rad_s.abs() > STILL_RAD_S && factor.abs() < CHANGE_MAX {
+                track.place.rate.map(|rate| factor * rate)
+            } else {
+                turned(track.position(), turn_rad_s)
+            };
+        }
+        self.turn_rad_s = turn_rad_s;
+    }
+
+    /// Takes in what a frame shows, and whether the tray was shaken since the one before; returns the tracks it shows, by
+    /// identity.
+    pub(super) fn update(&mut self, stamp_s: f64, candidates: &[Candidate], shaken: bool) -> Vec<TrackedCandidate> {
+        self.follow_feed(stamp_s, candidates, shaken);
         for track in &mut self.tracks {
             track.predict(stamp_s, &self.config);
             track.missed += 1;
@@ -278,7 +329,8 @@ impl Tracker {
         }
         for (index, candidate) in candidates.iter().enumerate() {
             if !taken[index] {
-                let track = Track::start(self.next_id, stamp_s, candidate, self.symmetries.len(), &self.config);
+                let mut track = Track::start(self.next_id, stamp_s, candidate, self.symmetries.len(), &self.config);
+                track.place.rate = turned(candidate.centre(), self.turn_rad_s);
                 self.next_id += 1;
                 self.tracks.push(track);
                 shown.push(Some(index));
@@ -344,7 +396,7 @@ mod tests {
     fn show(tracker: &mut Tracker, first: u32, frames: &[Option<Candidate>]) -> Vec<TrackedCandidate> {
         let mut tracked = Vec::new();
         for (index, shown) in (first..).zip(frames) {
-            tracked = tracker.update(f64::from(index) * FRAME_S, shown.as_slice());
+            tracked = tracker.update(f64::from(index) * FRAME_S, shown.as_slice(), true);
         }
         tracked
     }
@@ -354,7 +406,9 @@ mod tests {
         let gate_m = TrackerConfig::default().gate_m;
         for side in [-1.0, 1.0] {
             for (share, is_same) in [(0.99, true), (1.01, false)] {
-                let second = show(&mut tracker(0), 0, &[Some(at(0.0)), Some(at(side * share * gate_m))]);
+                let mut tracker = tracker(0);
+                show(&mut tracker, 0, &[Some(at(0.0))]);
+                let second = tracker.update(FRAME_S, &[at(side * share * gate_m)], false);
                 assert_eq!(second[0].id == 1, is_same, "{side} {share}");
             }
         }
@@ -364,6 +418,44 @@ mod tests {
         show(&mut tracker, 0, &frames);
         let after_a_gap = show(&mut tracker, 8, &[None, Some(at(2.5e-3 * 9.0))]);
         assert_eq!(after_a_gap[0].id, 1);
+    }
+
+    /// Parts of two poses round the tray 85 mm from its axis, each 6 to 8 mm from the next, fed on by `way_m`.
+    fn train(way_m: f64) -> Vec<Candidate> {
+        let radius_m = 0.085;
+        let part = |index: u32| {
+            let spacing_m = 0.007 + 0.001 * f64::from(index).sin();
+            let angle_rad = 3.4 + (f64::from(index) * spacing_m + way_m) / radius_m;
+            let (sin, cos) = angle_rad.sin_cos();
+            let pose = Some(usize::from(index.is_multiple_of(3)));
+            Candidate { x_m: radius_m * cos, y_m: radius_m * sin, pose, ..at(0.0) }
+        };
+        (0..20).map(part).collect()
+    }
+
+    #[test]
+    fn parts_that_are_fed_by_more_than_their_spacing_keep_their_identities_from_rest_to_rest() {
+        let mut tracker = tracker(0);
+        // At rest, fed at up to 90 mm/s, at rest again.
+        let speeds_m_s = [0.0, 0.0, 0.03, 0.09, 0.09, 0.09, 0.04, 0.0, 0.0];
+        let mut way_m = 0.0;
+        let mut last = Vec::new();
+        for (frame, speed_m_s) in (0..).zip(speeds_m_s) {
+            way_m += speed_m_s * FRAME_S;
+            last = tracker.update(f64::from(frame) * FRAME_S, &train(way_m), speed_m_s > 0.0);
+            assert!(last.iter().map(|part| part.id).eq(1..=20), "frame {frame}");
+        }
+        assert!(last.iter().all(|part| part.confidence > 0.8 && part.frames_seen == 9));
+    }
+
+    #[test]
+    fn parts_that_nobody_saw_are_known_again_unless_they_were_fed() {
+        for (shaken, first) in [(false, 1), (true, 21)] {
+            let mut tracker = tracker(0);
+            tracker.update(0.0, &train(0.0), true);
+            let later = tracker.update(5.0, &train(0.0), shaken);
+            assert!(later.iter().map(|part| part.id).eq(first..first + 20), "{shaken}");
+        }
     }
 
     #[test]
@@ -393,9 +485,9 @@ mod tests {
         };
         let mut tracker = tracker(0);
         show(&mut tracker, 0, &[Some(at(0.0))]);
-        let two = tracker.update(FRAME_S, &[at(0.6 * gate_m), at(-0.3 * gate_m)]);
+        let two = tracker.update(FRAME_S, &[at(0.6 * gate_m), at(-0.3 * gate_m)], false);
         assert_eq!(ids(&two), [(1, -0.3 * gate_m), (2, 0.6 * gate_m)]);
-        let one = tracker.update(2.0 * FRAME_S, &[at(0.2 * gate_m)]);
+        let one = tracker.update(2.0 * FRAME_S, &[at(0.2 * gate_m)], false);
         assert_eq!(ids(&one), [(2, 0.2 * gate_m)]);
     }
 
@@ -406,7 +498,7 @@ mod tests {
         assert!(first.pose == Some(0) && first.confidence < 0.8, "{first:?}");
         show(&mut tracker, 1, &[Some(at(0.0)); 30]);
         let off_m = 1e-3;
-        let share = show(&mut tracker, 31, &[Some(at(off_m))])[0].position_m.x / off_m;
+        let share = tracker.update(31.0 * FRAME_S, &[at(off_m)], false)[0].position_m.x / off_m;
         assert!((0.4..0.9).contains(&share), "{share}");
     }
 

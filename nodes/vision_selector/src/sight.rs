@@ -111,8 +111,9 @@ pub(crate) struct Sight {
     pub(crate) poses: PoseHistory,
     pub(crate) calibration: CalibrationWatch,
     pub(crate) health: HealthWatch,
-    /// Stamp of the latest image looked at, ns.
+    /// Stamp of the latest image, and of the latest in which tracks were followed, ns.
     latest_ns: u64,
+    followed_ns: u64,
     /// What the camera said last of itself, without its stamp, and how that contradicts the scenario.
     info: Option<CameraInfo>,
     told_otherwise: Option<ToldOtherwise>,
@@ -128,6 +129,7 @@ impl Sight {
             calibration: CalibrationWatch::new(limits, config.camera.clone(), config.tray),
             health: HealthWatch::default(),
             latest_ns: 0,
+            followed_ns: 0,
             info: None,
             told_otherwise: None,
         })
@@ -198,11 +200,13 @@ impl Sight {
         let stamp_ns = frame.stamp_ns();
         let platen_from_tray = self.poses.at(stamp_ns)?;
         let stamp_s = Duration::from_nanos(stamp_ns).as_secs_f64();
-        self.selector.glance(stamp_s, &platen_from_tray)?;
+        self.selector.glance(&platen_from_tray)?;
         let camera = &self.config.camera;
         let image = frame.grey().map_err(|error| LookError::Decode(error.to_string()))?;
         let image = binned(image, (camera.width_px(), camera.height_px()));
         // A picture in which no plateau is to be seen says that first, and where the rim is not after it.
+        self.selector.note_shaken(self.poses.shaken_since(self.followed_ns));
+        self.followed_ns = stamp_ns;
         let tracked = self.selector.process(stamp_s, &image, &platen_from_tray)?;
         self.health.note(self.selector.health());
         self.calibration.look(&image, &platen_from_tray)?;
