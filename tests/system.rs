@@ -31,11 +31,23 @@ fn parts_that_move_otherwise_than_computed_are_told_of() {
 
 #[test]
 fn parts_that_do_not_come_up_the_ramp_are_told_of() {
-    // Control believes a fifth more friction than there is, and the waveform is designed for that: parts hardly climb.
+    // Control believes half as much friction again as there is, and the waveform is designed for that: parts hardly climb.
+    let mut scenario = Scenario::default();
+    scenario.believed.part_friction = Some(0.30);
+    let outcome = Up::new("--duration 60 --composed").scenario(&scenario).success();
+    assert!(outcome.stderr.contains(FEW_COME), "{}", outcome.stderr);
+}
+
+#[test]
+fn parts_that_come_up_faster_than_they_lie_apart_are_followed_and_not_told_of_as_missing() {
+    // Control believes a fifth more friction than there is: the waveform is quicker for that, and parts still climb.
     let mut scenario = Scenario::default();
     scenario.believed.part_friction = Some(0.24);
     let outcome = Up::new("--duration 60 --composed").scenario(&scenario).success();
-    assert!(outcome.stderr.contains(FEW_COME), "{}", outcome.stderr);
+    assert!(!outcome.stderr.contains(FEW_COME), "{}", outcome.stderr);
+    assert!(outcome.number("delivered") >= 7.0, "{}", outcome.summary());
+    assert!(outcome.number("wrong_pose_delivered").abs() < 0.5, "{}", outcome.summary());
+    assert!(outcome.number("max_slip_m") < GENTLE_SLIP_M, "{}", outcome.summary());
 }
 
 #[test]

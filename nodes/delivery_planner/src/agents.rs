@@ -190,13 +190,14 @@ impl DeliveryPlanner {
         presented_at: Option<Duration>,
     ) {
         let station = delivery.and_then(|id| self.deliveries.get(&id)).map(|open| open.station.clone());
-        self.said.phase = phase;
-        self.said.delivery_id = delivery.map(|id| deliver_part::name_of(id.0));
-        self.said.station = station;
-        self.said.fault = self.sequencer.fault().map(str::to_owned);
-        if phase != Phase::Presented {
+        let delivery_id = delivery.map(|id| deliver_part::name_of(id.0));
+        if phase != Phase::Presented || delivery_id != self.said.delivery_id {
             self.said.chosen = None;
         }
+        self.said.phase = phase;
+        self.said.delivery_id = delivery_id;
+        self.said.station = station;
+        self.said.fault = self.sequencer.fault().map(str::to_owned);
         self.publish_delivery_state(io);
         let eta = presented_at.map(|at| at.saturating_sub(now));
         match (phase, delivery) {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::time::Duration;
 
-use run_monitor::{Activity, FeederProgress, OdometryScore, Progress};
+use run_monitor::{Activity, FeederProgress, OdometryScore, Oracle, Progress};
 use serde::Serialize;
 
 /// The outcome of a run. Counts and slip are by ground truth.
@@ -67,10 +67,14 @@ pub struct Summary {
 struct Feeding {
     /// Name of the feeder.
     feeder: String,
-    /// Parts per minute that passed the camera; and of these those that lay right and apart, with others that were taken from
-    /// the plateau lying right, before the camera or after it.
+    /// Parts per minute that passed the camera; and those that could be picked on their way over the plateau: right, wholly on
+    /// it, and with the room that a gripper needs, for a moment at least.
     passed_per_min: f64,
     good_per_min: f64,
+    /// Parts per minute picked from this feeder.
+    delivered_per_min: f64,
+    /// What an oracle would have delivered; null: there was no trip to go by.
+    oracle: Option<OracleShare>,
     /// What the selector called right and was; and was not; and good parts it never called right. Once a lap each.
     right_selections: u32,
     wrong_selections: u32,
@@ -85,10 +89,42 @@ struct Feeding {
     stranded: u32,
 }
 
-impl Feeding {
-    fn of(feeder: &FeederProgress) -> Self {
-        let (feed, report) = (&feeder.feed, &feeder.feed.report);
+/// What an oracle would have made of the same feed and moves.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct OracleShare {
+    /// Right parts that could be picked, for each second of feeding.
+    right_per_s: f64,
+    /// Moves of a trip, there and back, s; and what a further stop took, the move and the hand-over, s; null: no trip had one.
+    moves_s: f64,
+    further_stop_s: Option<f64>,
+    /// Parts it takes on a trip: as many as goals were open.
+    stops: u32,
+    /// Parts it delivers a minute; and what was delivered over that.
+    per_min: f64,
+    share: f64,
+}
+
+impl OracleShare {
+    fn of(oracle: &Oracle, delivered_per_min: f64) -> Self {
+        let per_min = oracle.per_minute();
         Self {
+            right_per_s: oracle.right_per_s,
+            moves_s: oracle.moves_s,
+            further_stop_s: oracle.further_stop_s,
+            stops: oracle.stops,
+            per_min,
+            share: delivered_per_min / per_min,
+        }
+    }
+}
+
+impl Feeding {
+    fn of(feeder: &FeederProgress, sim_s: f64) -> Self {
+        let (feed, report) = (&feeder.feed, &feeder.feed.report);
+        let delivered_per_min = if sim_s > 0.0 { 60.0 * f64::from(feeder.delivered) / sim_s } else { 0.0 };
+        Self {
+            delivered_per_min,
+            oracle: feeder.oracle().map(|oracle| OracleShare::of(&oracle, delivered_per_min)),
             feeder: feeder.name.clone(),
             passed_per_min: report.per_minute(report.passed),
             good_per_min: report.per_minute(report.good),
@@ -108,7 +144,11 @@ impl Feeding {
             row("feeder", self.feeder.clone())?;
         }
         row("past the camera", format!("{:.1} /min", self.passed_per_min))?;
-        row("  right, apart or taken", format!("{:.1} /min", self.good_per_min))?;
+        row("could be picked", format!("{:.1} /min", self.good_per_min))?;
+        if let Some(oracle) = &self.oracle {
+            row("an oracle would deliver", format!("{:.1} /min", oracle.per_min))?;
+            row("  delivered of that", format!("{:.0} %", 100.0 * oracle.share))?;
+        }
         row("selected rightly", self.right_selections.to_string())?;
         row("  wrongly", self.wrong_selections.to_string())?;
         row("  missed", self.missed_selections.to_string())?;
@@ -221,7 +261,7 @@ impl Summary {
             max_slip_m: progress.max_slip_m(),
             delivered_per_minute: rate(60.0 * f64::from(delivered), sim_s),
             per_delivery_s: (delivered > 0).then(|| per_delivery.into()),
-            feeding: progress.feeders.iter().map(Feeding::of).collect(),
+            feeding: progress.feeders.iter().map(|feeder| Feeding::of(feeder, sim_s)).collect(),
             accepted: progress.sum(|feeder| feeder.accepted),
             succeeded: progress.sum(|feeder| feeder.succeeded),
             failed: failed.collect(),

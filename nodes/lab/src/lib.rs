@@ -6,6 +6,7 @@ mod compare;
 pub mod design;
 mod drop;
 pub mod experiment;
+mod good_parts;
 pub mod identify;
 mod identify_motor;
 mod plan_move;
@@ -39,6 +40,7 @@ enum Command {
     Experiment(analysis::experiment::Args),
     FeedRate(analysis::feed_rate::Args),
     Figures(analysis::figures::Args),
+    GoodParts(good_parts::Args),
     IdentifyFriction(analysis::identify::Args),
     IdentifyMotor(identify_motor::Args),
     Optimize(analysis::optimize::Args),
@@ -76,6 +78,10 @@ pub fn main() -> ExitCode {
         Command::Experiment(args) => analysis::experiment::run(&args),
         Command::FeedRate(args) => analysis::feed_rate::run(&args),
         Command::Figures(args) => analysis::figures::run(&args),
+        Command::GoodParts(args) => {
+            feeder_runtime::start_logging(feeder_runtime::LogSettings::default());
+            good_parts::run(&args)
+        }
         Command::IdentifyFriction(args) => analysis::identify::run(&args),
         Command::IdentifyMotor(args) => identify_motor::run(&args),
         Command::Optimize(args) => analysis::optimize::run(&args),

@@ -50,7 +50,7 @@ fn write_feeder(folder: &Path, history: &[(f64, Feed)]) -> Result<()> {
             "parts past the camera since the start, per minute",
             vec![
                 line("passed", &|feed| feed.report.per_minute(feed.report.passed)),
-                line("right and apart", &|feed| feed.report.per_minute(feed.report.good)),
+                line("could be picked", &|feed| feed.report.per_minute(feed.report.good)),
             ],
         ),
         (

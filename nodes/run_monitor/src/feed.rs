@@ -38,9 +38,10 @@ pub(crate) struct FeedScore {
 }
 
 impl FeedScore {
-    pub(crate) fn new(tray: TrayGeometry, part: &PartType) -> Self {
+    /// As [`FeedObserver::new`].
+    pub(crate) fn new(tray: TrayGeometry, part: &PartType, room_m: f64) -> Self {
         Self {
-            observer: FeedObserver::new(tray, part),
+            observer: FeedObserver::new(tray, part, room_m),
             wanted_poses: part.wanted_poses.iter().filter_map(|&pose| u8::try_from(pose).ok()).collect(),
             called_right: BTreeSet::new(),
             called_wrongly: BTreeSet::new(),
@@ -98,7 +99,7 @@ impl Feed {
 
 fn sighting(part: &TruePart) -> Sighting {
     let (pose, position_m) = (usize::from(part.resting_pose), part.position_in_tray_m());
-    Sighting { id: part.id, place: part.place, pose, position_m }
+    Sighting { id: part.id, place: part.place, pose, position_m, yaw_rad: part.yaw_rad }
 }
 
 #[cfg(test)]
@@ -114,7 +115,7 @@ mod tests {
     const MIDDLE_RAD: f64 = 1.5 * PI;
 
     fn score() -> FeedScore {
-        FeedScore::new(TrayGeometry::PAPER, &PartSource::Name("grommet".to_owned()).part_type().unwrap())
+        FeedScore::new(TrayGeometry::PAPER, &PartSource::Name("grommet".to_owned()).part_type().unwrap(), 0.001)
     }
 
     fn part(id: u32, place: Place, angle_rad: f64) -> TruePart {
@@ -187,7 +188,8 @@ mod tests {
         assert_eq!((message.header, message.jams, message.stranded), (header, 7, 1));
         let selections = (message.right_selections, message.wrong_selections, message.missed_selections);
         assert_eq!(selections, (1, 0, 0));
-        assert_eq!((message.passed_per_min, message.good_per_min), (4.0, 4.0));
+        // Both could be picked, and one passed.
+        assert_eq!((message.passed_per_min, message.good_per_min), (4.0, 8.0));
         assert_eq!((message.plateau_parts, message.singulation), (2.0, 1.0));
         assert!(message.gap_m > 0.01 && (message.gap_m - report.gap_m).abs() < 1e-12, "{report:?}");
     }

@@ -7,6 +7,7 @@ mod platen;
 mod presented;
 mod progress;
 mod score;
+mod trips;
 mod truth;
 mod whereabouts;
 
@@ -23,6 +24,7 @@ use feeder::FeederMonitor;
 use platen::PlatenMonitor;
 pub use presented::YAW_ERROR_MAX_RAD;
 pub use progress::{Activity, FeederProgress, Progress};
+pub use trips::{Oracle, Trips};
 pub use whereabouts::OdometryScore;
 
 /// Ticks between progress messages.

@@ -7,6 +7,7 @@ use minifactory_msgs::msg::RunProgress;
 use minifactory_msgs::std_msgs::msg::Header;
 
 use crate::feed::Feed;
+use crate::trips::{Oracle, Trips};
 use crate::whereabouts::OdometryScore;
 
 /// What a planner does with its time.
@@ -91,6 +92,8 @@ pub struct FeederProgress {
     pub activity: Activity,
     /// What the planner did with its time, s.
     pub spent_s: BTreeMap<Activity, f64>,
+    /// How its trips went.
+    pub trips: Trips,
     /// How well the feeder feeds and the selector selects.
     pub feed: Feed,
     /// The same in the course of the run: stamp (s) and figures, at most a thousand times, at every second of simulated time
@@ -114,6 +117,13 @@ impl FeederProgress {
             odometry_error_rad_max: self.odometry.error_rad_max,
             odometry_error_rad_rms: self.odometry.error_rad_rms(),
         }
+    }
+
+    /// What an oracle would have made of this feeder's feed and moves; nothing while there is nothing to go by.
+    #[must_use]
+    pub fn oracle(&self) -> Option<Oracle> {
+        let fed_s = self.spent_s.get(&Activity::Wait).copied().unwrap_or(0.0);
+        Oracle::of(&self.trips, self.feed.report.good, fed_s)
     }
 }
 

@@ -136,6 +136,15 @@ impl Scenario {
         }
     }
 
+    /// Free gap to the next part that a part needs to be picked, m: what the selector asks for, or the least that a station's
+    /// gripper needs where that is more.
+    #[must_use]
+    pub fn part_gap_m_min(&self, part: &PartType) -> f64 {
+        let outline = self.asked_pose(part).map(|pose| &pose.outline);
+        let rooms_m = self.stations.iter().filter_map(|station| Some(station.gripper.room_m(outline?)));
+        rooms_m.min_by(f64::total_cmp).unwrap_or(0.0).max(self.selector.part_clearance_m)
+    }
+
     /// The camera as it is simulated in a run.
     ///
     /// # Errors

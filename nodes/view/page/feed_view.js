@@ -30,9 +30,9 @@ export class FeedView {
         series: [{ name: "median, as seen", colour: "line-a" }, { name: "mean, in truth", colour: "line-e", dash: [5, 4] }],
       }),
       good: new Plot(byId("plot-good"), {
-        ...time, title: "Parts past the middle of the plateau", unit: "/min", floor: 0, least: 10,
+        ...time, title: "Parts fed", unit: "/min", floor: 0, least: 10,
         empty: "No count yet",
-        series: [{ name: "all", colour: "line-e" }, { name: "good", colour: "line-c", width: 2.2 }],
+        series: [{ name: "past the middle", colour: "line-e" }, { name: "could be picked", colour: "line-c", width: 2.2 }],
       }),
     };
     this.clear();

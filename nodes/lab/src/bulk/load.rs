@@ -54,7 +54,8 @@ pub(super) fn run(args: &Args, part: &PartType, duration_s: f64) -> Result<()> {
             let count = (share * area_m2 / mean_m2).round() as usize;
             let mut bulk = PartBulk::new(scenario.tray.geometry, part.clone(), settings, args.seed)?;
             let loaded = bulk.load(count).loaded;
-            let outcome = observe(bulk, loaded, Shaking::new(waveform.clone()), duration_s)?;
+            let outcome =
+                observe(bulk, loaded, Shaking::new(waveform.clone()), duration_s, scenario.part_gap_m_min(part))?;
             let report = outcome.report;
             println!(
                 "{share:>5.2} {:>6} {:>9.1} {:>9.1} {:>9.1} {:>9.0} % {:>5.1} mm {:>6.1} s {:>6} {:>9} {:>9.1}",
@@ -78,8 +79,8 @@ pub(super) fn run(args: &Args, part: &PartType, duration_s: f64) -> Result<()> {
         }
     }
     println!(
-        "\nload: share of the area outside the loading radius; pass, right, good: past the middle of the plateau, of \
-         these in a wanted pose, of these apart from others by a length;\nsingulated: share of the parts on the plateau \
+        "\nload: share of the area outside the loading radius; pass, right: past the middle of the plateau, of these in a \
+         wanted pose; good: could be picked on the plateau, right and with room for a gripper;\nsingulated: share of the parts on the plateau \
          apart by a length, over time; gap: to the nearest on the plateau; lap*: from the plateau's end to its begin"
     );
     let Some(folder) = &args.out else { return Ok(()) };
@@ -94,9 +95,9 @@ pub(super) fn run(args: &Args, part: &PartType, duration_s: f64) -> Result<()> {
 }
 
 /// Lets a loaded tray settle and watches it.
-fn observe(mut bulk: PartBulk, loaded: usize, mut shaking: Shaking, duration_s: f64) -> Result<Outcome> {
+fn observe(mut bulk: PartBulk, loaded: usize, mut shaking: Shaking, duration_s: f64, room_m: f64) -> Result<Outcome> {
     let began = std::time::Instant::now();
-    let mut observer = FeedObserver::new(*bulk.tray(), bulk.part_type());
+    let mut observer = FeedObserver::new(*bulk.tray(), bulk.part_type(), room_m);
     let blocks = |seconds: f64| -> u64 {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be within a day")]
         let blocks = (seconds / block_s()).round() as u64;

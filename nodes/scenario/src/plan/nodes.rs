@@ -444,6 +444,9 @@ pub struct RunMonitorConfig {
     pub tray: TrayGeometry,
     /// The parts.
     pub part: PartSpec,
+    /// Free gap that a gripper needs to the next part, m: the least of the stations', or what the selector asks for.
+    #[schemars(range(min = 0.0, max = 0.1))]
+    pub part_gap_m_min: f64,
     /// The simulated manipulators.
     pub grippers: Vec<WatchedGripper>,
     /// Radius of a disc about a courier's centre that covers courier and tray, m.
@@ -454,6 +457,7 @@ pub struct RunMonitorConfig {
 
 impl RunMonitorConfig {
     pub(super) fn check_values(&self) -> Result<(), ScenarioError> {
+        check_ranges("", self).map_err(|error| invalid("run_monitor", &error))?;
         PartType::new(&self.part).map(|_| ()).map_err(|error| invalid("part", &error))
     }
 }

@@ -213,6 +213,7 @@ impl Scenario {
             tray: self.tray.geometry,
             part: self.part.spec().map_err(|error| invalid("part", &error))?,
             grippers: simulated.filter_map(watched).collect(),
+            part_gap_m_min: self.part_gap_m_min(part),
             footprint_radius_m: self.delivery.footprint_radius_m,
             arbitrated: self.is_arbitrated(),
         })

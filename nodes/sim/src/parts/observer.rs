@@ -3,9 +3,11 @@
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-use nalgebra::Vector2;
+use nalgebra::{Isometry2, Point2, Vector2};
 
 use crate::parts::{Part, Place};
+use feeder_model::geometry::Outline;
+use feeder_model::geometry::apart::gap_m;
 use feeder_model::part::PartType;
 use feeder_model::tray::TrayGeometry;
 
@@ -20,11 +22,13 @@ pub struct Sighting {
     pub pose: usize,
     /// Centre in the tray frame, m.
     pub position_m: Vector2<f64>,
+    /// Heading in the tray frame, rad.
+    pub yaw_rad: f64,
 }
 
 impl From<&Part> for Sighting {
     fn from(part: &Part) -> Self {
-        Self { id: part.id, place: part.place, pose: part.pose, position_m: part.position_m() }
+        Self { id: part.id, place: part.place, pose: part.pose, position_m: part.position_m(), yaw_rad: part.yaw_rad }
     }
 }
 
@@ -33,7 +37,7 @@ impl From<&Part> for Sighting {
 pub struct Departure {
     /// Identity.
     pub id: u32,
-    /// If it lay in a wanted pose, and apart from others when it passed the camera.
+    /// If it could have been picked on its way over the plateau.
     pub was_good: bool,
 }
 
@@ -48,7 +52,8 @@ pub struct FeedReport {
     pub right: u32,
     /// Of these, apart from others by at least one length.
     pub apart: u32,
-    /// Of these, both; and others that were taken from the plateau in a wanted pose, before the middle or after it.
+    /// Parts that could be picked on their way over the plateau, each once a lap: for a moment at least they lay in a wanted
+    /// pose, wholly on the plateau, and with the room that a gripper needs.
     pub good: u32,
     /// Parts on the plateau, on average over time.
     pub plateau_parts: f64,
@@ -75,8 +80,10 @@ impl FeedReport {
 pub struct FeedObserver {
     tray: TrayGeometry,
     wanted: Vec<bool>,
-    /// Radius of the part in each pose, m.
-    radii_m: Vec<f64>,
+    /// The part as it lies in each pose.
+    outlines: Vec<Outline>,
+    /// Free gap that a gripper needs to the next part, m.
+    room_m: f64,
     /// The largest length of the part, m: it is apart from others if the gap is as long.
     length_m: f64,
     /// What each part did last.
@@ -100,20 +107,19 @@ struct Known {
     angle_rad: f64,
     /// When it fell, s, until it enters the plateau again.
     fell_s: Option<f64>,
-    /// If it lies in a wanted pose.
-    right: bool,
-    /// If it was good when it passed the camera.
+    /// If it could be picked in its present lap.
     good: bool,
 }
 
 impl FeedObserver {
-    /// An observer of parts of one type on a tray.
+    /// An observer of parts of one type on a tray, where a gripper needs a free gap of `room_m` (m) to the next part.
     #[must_use]
-    pub fn new(tray: TrayGeometry, part: &PartType) -> Self {
+    pub fn new(tray: TrayGeometry, part: &PartType, room_m: f64) -> Self {
         Self {
             tray,
             wanted: (0..part.poses.len()).map(|pose| part.wanted_poses.contains(&pose)).collect(),
-            radii_m: part.poses.iter().map(|pose| pose.outline.radius_m).collect(),
+            outlines: part.poses.iter().map(|pose| pose.outline.clone()).collect(),
+            room_m,
             length_m: part.poses.iter().map(|pose| pose.outline.width_range_m().1).fold(0.0, f64::max),
             known: BTreeMap::new(),
             began_s: None,
@@ -139,12 +145,9 @@ impl FeedObserver {
         let mut departures = Vec::new();
         let mut known = BTreeMap::new();
         for part in &sightings {
-            let now = self.follow(time_s, part, &plateau, &mut departures);
+            let now = self.follow(time_s, part, &sightings, &plateau, &mut departures);
             known.insert(part.id, now);
         }
-        let is_taken = |(id, before): &(&u32, &Known)| before.place == Place::Plateau && !known.contains_key(id);
-        let taken = self.known.iter().filter(is_taken).filter(|(_, before)| before.right && !before.good).count();
-        self.report.good += u32::try_from(taken).unwrap_or(u32::MAX);
         self.known = known;
         departures
     }
@@ -153,13 +156,14 @@ impl FeedObserver {
         &mut self,
         time_s: f64,
         part: &Sighting,
+        all: &[Sighting],
         plateau: &[&Sighting],
         departures: &mut Vec<Departure>,
     ) -> Known {
         let angle_rad = part.position_m.y.atan2(part.position_m.x).rem_euclid(TAU);
         let before = self.known.get(&part.id).copied();
         let right = self.wanted.get(part.pose).copied().unwrap_or_default();
-        let mut now = Known { place: part.place, angle_rad, fell_s: None, right, good: false };
+        let mut now = Known { place: part.place, angle_rad, fell_s: None, good: false };
         if let Some(before) = before {
             (now.fell_s, now.good) = (before.fell_s, before.good);
         }
@@ -182,11 +186,13 @@ impl FeedObserver {
                 let middle_rad = f64::midpoint(self.tray.ramp_angle_rad, TAU);
                 let passes = before.is_some_and(|b| was_on_plateau && b.angle_rad < middle_rad);
                 if passes && angle_rad >= middle_rad {
-                    now.good = right && apart;
                     self.report.passed += 1;
                     self.report.right += u32::from(right);
                     self.report.apart += u32::from(apart);
-                    self.report.good += u32::from(now.good);
+                }
+                if !now.good && right && self.has_room(part, all) {
+                    now.good = true;
+                    self.report.good += 1;
                 }
             }
             Place::Ramp | Place::Falling => {
@@ -210,7 +216,26 @@ impl FeedObserver {
     }
 
     fn radius_m(&self, part: &Sighting) -> f64 {
-        self.radii_m.get(part.pose).copied().unwrap_or_default()
+        self.outlines.get(part.pose).map_or(0.0, |outline| outline.radius_m)
+    }
+
+    /// If a part lies wholly on the plateau, with room for a gripper to every other part.
+    fn has_room(&self, part: &Sighting, all: &[Sighting]) -> bool {
+        let Some(outline) = self.outlines.get(part.pose) else { return false };
+        let corners = outline.at(&Isometry2::new(part.position_m, part.yaw_rad));
+        let on_plateau = |corner: &Point2<f64>| {
+            let angle_rad = corner.y.atan2(corner.x).rem_euclid(TAU);
+            angle_rad >= self.tray.ramp_angle_rad
+        };
+        let clears = |other: &Sighting| {
+            let Some(beside) = self.outlines.get(other.pose) else { return true };
+            let circles_m = (other.position_m - part.position_m).norm() - outline.radius_m - beside.radius_m;
+            let decided = circles_m >= self.room_m || (outline.round && beside.round);
+            let exactly_m = || gap_m(&corners, &beside.at(&Isometry2::new(other.position_m, other.yaw_rad)));
+            (if decided { circles_m } else { exactly_m() }) >= self.room_m
+        };
+        let mut others = all.iter().filter(|other| other.id != part.id && other.place != Place::Falling);
+        corners.iter().all(on_plateau) && others.all(clears)
     }
 
     /// What was seen so far.
@@ -233,20 +258,22 @@ mod tests {
     use super::*;
     use crate::parts::tests::disc;
 
+    const ROOM_M: f64 = 0.0015;
+
     fn at(id: u32, place: Place, pose: usize, angle_rad: f64) -> Sighting {
         let position_m = 0.08 * Vector2::new(angle_rad.cos(), angle_rad.sin());
-        Sighting { id, place, pose, position_m }
+        Sighting { id, place, pose, position_m, yaw_rad: 0.0 }
     }
 
     #[test]
     fn what_passes_the_middle_is_counted_by_how_it_lies_and_how_far_apart() {
-        let mut observer = FeedObserver::new(TrayGeometry::PAPER, &disc(0.006, 0.2));
+        let mut observer = FeedObserver::new(TrayGeometry::PAPER, &disc(0.006, 0.2), ROOM_M);
         let plateau = |id, pose, angle_rad| at(id, Place::Plateau, pose, angle_rad);
         // Part 0 lies right and alone; 1 and 2 lie within a length of each other, 2 the wrong way round.
         observer.observe(0.0, [plateau(0, 0, 4.7), plateau(1, 0, 4.1), plateau(2, 1, 4.0)].into_iter());
         observer.observe(10.0, [plateau(0, 0, 5.2), plateau(1, 0, 4.8), plateau(2, 1, 4.72)].into_iter());
         let report = observer.report();
-        assert_eq!((report.passed, report.right, report.apart, report.good), (3, 2, 1, 1));
+        assert_eq!((report.passed, report.right, report.apart, report.good), (3, 2, 1, 2));
         assert!((report.per_minute(report.passed) - 18.0).abs() < 1e-9);
         assert!((report.plateau_parts - 3.0).abs() < 1e-12);
         assert!((report.singulation - 2.0 / 6.0).abs() < 1e-12);
@@ -254,21 +281,28 @@ mod tests {
     }
 
     #[test]
-    fn parts_that_are_taken_were_good_if_they_lay_right_and_no_part_counts_twice() {
-        let mut observer = FeedObserver::new(TrayGeometry::PAPER, &disc(0.006, 0.2));
+    fn a_part_is_good_once_a_lap_if_for_a_moment_it_could_be_picked() {
+        let mut observer = FeedObserver::new(TrayGeometry::PAPER, &disc(0.006, 0.2), ROOM_M);
         let plateau = |id, pose, angle_rad| at(id, Place::Plateau, pose, angle_rad);
-        observer.observe(0.0, [plateau(0, 0, 4.7), plateau(1, 0, 4.1), plateau(2, 1, 3.6)].into_iter());
-        observer.observe(1.0, [plateau(0, 0, 4.8), plateau(1, 0, 4.2), plateau(2, 1, 3.7)].into_iter());
-        assert_eq!(observer.report().good, 1);
-        // The first had passed, the second lay right, the third the wrong way round; a fourth is taken from the ramp.
-        observer.observe(2.0, [at(3, Place::Ramp, 0, 1.0)].into_iter());
-        observer.observe(3.0, std::iter::empty());
-        assert_eq!((observer.report().passed, observer.report().good), (1, 2));
+        let mut good = |time_s, parts: &[Sighting]| {
+            observer.observe(time_s, parts.iter().copied());
+            observer.report().good
+        };
+        // Across the crest, the wrong way round, nearer than the gripper needs: 0.09 rad are 7.2 mm, of which 1.2 are free.
+        assert_eq!(good(0.0, &[plateau(0, 0, 3.17), plateau(1, 1, 4.0), plateau(2, 0, 4.5), plateau(3, 1, 4.59)]), 0);
+        // The next moves on.
+        assert_eq!(good(1.0, &[plateau(0, 0, 3.17), plateau(1, 1, 4.0), plateau(2, 0, 4.5), plateau(3, 1, 4.7)]), 1);
+        // Wholly on the plateau; the other is still the same good one, and still is when it has been alone for long.
+        assert_eq!(good(2.0, &[plateau(0, 0, 3.4), plateau(2, 0, 4.6)]), 2);
+        assert_eq!(good(3.0, &[plateau(2, 0, 4.7)]), 2);
+        // A lap later it counts again; a part on the ramp never does.
+        assert_eq!(good(4.0, &[at(2, Place::Falling, 0, 0.0), at(4, Place::Ramp, 0, 1.0)]), 2);
+        assert_eq!(good(5.0, &[plateau(2, 0, 4.0)]), 3);
     }
 
     #[test]
     fn a_lap_is_from_the_end_of_the_plateau_to_its_begin() {
-        let mut observer = FeedObserver::new(TrayGeometry::PAPER, &disc(0.006, 0.2));
+        let mut observer = FeedObserver::new(TrayGeometry::PAPER, &disc(0.006, 0.2), ROOM_M);
         let path = [
             (0.0, Place::Plateau, 4.6),
             (1.0, Place::Plateau, 4.8),

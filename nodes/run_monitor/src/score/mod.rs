@@ -59,7 +59,7 @@ impl FeederScore {
             part_radius_m: part.outline_radius_m(),
             presented: PresentedScore::new(part, config.grippers.clone()),
             truth: Truth::default(),
-            feed: FeedScore::new(config.tray, part),
+            feed: FeedScore::new(config.tray, part, config.part_gap_m_min),
             metrics_ns: METRICS_NS,
             noted_every: 1,
             since_noted: 0,
@@ -129,11 +129,13 @@ impl FeederScore {
 
     /// The planner stands there.
     pub(crate) fn hear_planner(&mut self, stamp_ns: u64, stand: &PlannerStand) {
-        if let Some(chosen) = &stand.chosen {
-            self.hear_chosen(stand, chosen);
-        }
+        let begins = stand.chosen.as_ref().is_some_and(|chosen| self.hear_chosen(stand, chosen));
         let spent_s = Duration::from_nanos(stamp_ns.saturating_sub(self.active_since_ns)).as_secs_f64();
         *self.progress.spent_s.entry(self.progress.activity).or_insert(0.0) += spent_s;
+        self.progress.trips.pass(self.progress.activity, spent_s, begins);
+        let ended = stand.delivered + stand.failed_by_outcome.iter().sum::<u32>();
+        let open = stand.accepted.saturating_sub(ended);
+        self.progress.trips.goals_open_max = self.progress.trips.goals_open_max.max(open);
         self.progress.activity = activity_of(stand.phase);
         self.active_since_ns = stamp_ns;
         self.progress.accepted = stand.accepted;
@@ -141,8 +143,8 @@ impl FeederScore {
         self.progress.failed_by_outcome = stand.failed_by_outcome.to_vec();
     }
 
-    /// The planner presents this part; it may tell so several times.
-    fn hear_chosen(&mut self, stand: &PlannerStand, chosen: &ChosenPart) {
+    /// The planner presents this part; it may tell so several times. Says whether it is the first time.
+    fn hear_chosen(&mut self, stand: &PlannerStand, chosen: &ChosenPart) -> bool {
         let look_ns = u64::try_from(chosen.look.as_nanos()).unwrap_or(u64::MAX);
         self.truth.settle(look_ns);
         let is_new = self.promised_to != stand.delivery_id;
@@ -155,6 +157,7 @@ impl FeederScore {
             self.progress.chosen_without_room += 1;
             self.progress.room_short_m_max = self.progress.room_short_m_max.max(short_m);
         }
+        is_new
     }
 
     /// Finds out which parts the selector meant, by where they were when the picture was taken.
