@@ -16,6 +16,8 @@ struct SeenPath {
     angle_rad: f64,
     /// Mean angular velocity about the tray's centre, rad/s, once it was seen twice.
     rate_rad_s: Option<f64>,
+    /// Whether it was wanted in a frame since feeding began.
+    fitted: bool,
 }
 
 /// Follows how parts move while feeding, and how far they go on after the order to stop.
@@ -29,6 +31,8 @@ pub(super) struct Drift {
     /// Fitting parts that came while feeding, and the time it took, both fading.
     arrived: f64,
     fed_s: f64,
+    /// Feeding since the last of them came, or since it began, s.
+    lull_s: f64,
 }
 
 /// Share of a new observation in a running mean.
@@ -42,13 +46,14 @@ const PRIOR_S: f64 = 2.0;
 
 impl Drift {
     pub(super) fn new(stop_drift_s: f64) -> Self {
-        Self { tracks: BTreeMap::new(), stop_drift_s, stopped: None, arrived: 0.0, fed_s: 0.0 }
+        Self { tracks: BTreeMap::new(), stop_drift_s, stopped: None, arrived: 0.0, fed_s: 0.0, lull_s: 0.0 }
     }
 
     /// Feeding begins.
     pub(super) fn start(&mut self) {
         self.tracks.clear();
         self.stopped = None;
+        self.lull_s = 0.0;
     }
 
     /// Takes a frame seen while feeding; `fits` says which parts are wanted.
@@ -57,6 +62,7 @@ impl Drift {
         let elapsed_s = since.map_or(0.0, |since| frame.stamp.saturating_sub(since).as_secs_f64());
         let fading = (-elapsed_s / MEMORY_S).exp();
         self.fed_s = self.fed_s * fading + elapsed_s;
+        self.lull_s += elapsed_s;
         self.arrived *= fading;
         let mut tracks = BTreeMap::new();
         for candidate in &frame.candidates {
@@ -68,10 +74,14 @@ impl Drift {
                 let mean_rad_s = track.rate_rad_s.map_or(rate_rad_s, |mean| mean + GAIN * (rate_rad_s - mean));
                 (elapsed_s > 0.0).then_some(mean_rad_s)
             });
-            if known.is_none() && since.is_some() && fits(candidate) {
+            let fitted_before = known.is_some_and(|track| track.fitted);
+            let fitted = fitted_before || fits(candidate);
+            // A part is wanted once its pose is sure, some frames after it came. Those of the first frame lay there.
+            if fitted && !fitted_before && since.is_some() {
                 self.arrived += 1.0;
+                self.lull_s = 0.0;
             }
-            tracks.insert(candidate.id, SeenPath { stamp: frame.stamp, angle_rad, rate_rad_s });
+            tracks.insert(candidate.id, SeenPath { stamp: frame.stamp, angle_rad, rate_rad_s, fitted });
         }
         self.tracks = tracks;
     }
@@ -121,6 +131,14 @@ impl Drift {
     /// Mean time between fitting parts that come while feeding, s.
     pub(super) fn interval_s(&self) -> f64 {
         (self.fed_s + PRIOR_S) / (self.arrived + 1.0)
+    }
+
+    /// Whether no fitting part has come for much longer than one took to come before.
+    pub(super) fn is_lull(&self) -> bool {
+        /// So many times as long.
+        const PATIENCE: f64 = 3.0;
+        let before_s = ((self.fed_s - self.lull_s).max(0.0) + PRIOR_S) / (self.arrived + 1.0);
+        self.lull_s > PATIENCE * before_s
     }
 
     /// How far a part can turn with its whole outline on the plateau, rad.
@@ -205,6 +223,25 @@ mod tests {
             drift.feed(&frame(step * 100, &[(step / 5, 4.0)]), |_| true);
         }
         assert!((drift.interval_s() - 0.5).abs() < 0.05, "{}", drift.interval_s());
+    }
+
+    #[test]
+    fn a_part_has_come_when_it_is_first_seen_to_fit_once_in_a_feeding() {
+        let mut drift = Drift::new(0.0);
+        drift.start();
+        let lull_s: Vec<f64> = (0..10_u64)
+            .map(|step| {
+                // One that lies there; and one that comes with the fourth picture and is sure with the seventh, but for one more.
+                let parts = [(1, 4.0), (2, 4.5)];
+                let fits = |candidate: &OfferedPart| candidate.id == 1 || (step >= 6 && step != 8);
+                drift.feed(&frame(step * 100, if step < 3 { &parts[..1] } else { &parts }), fits);
+                drift.lull_s
+            })
+            .collect();
+        let expected_s = [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.0, 0.1, 0.2, 0.3];
+        assert!(lull_s.iter().zip(expected_s).all(|(seen_s, s)| (seen_s - s).abs() < 1e-9), "{lull_s:?}");
+        drift.start();
+        assert!(drift.lull_s.abs() < 1e-12);
     }
 
     #[test]

@@ -45,10 +45,10 @@ pub struct Tour {
 }
 
 impl Tour {
-    /// Parts per second, stopping and settling included.
+    /// How long it takes for each of its parts, stopping and settling included, s.
     #[must_use]
-    pub fn rate_per_s(&self, overheads: &Overheads) -> f64 {
-        self.stops.len() as f64 / (self.duration_s + overheads.stop_s)
+    pub fn per_part_s(&self, overheads: &Overheads) -> f64 {
+        (self.duration_s + overheads.stop_s) / self.stops.len() as f64
     }
 }
 
@@ -235,6 +235,6 @@ mod tests {
             }
         }
         let found = tour(&parts, &[(0.3, 0.2), (-0.3, 0.1)], 4).unwrap();
-        assert!((found.rate_per_s(&OVERHEADS) - best).abs() < 1e-12);
+        assert!((1.0 / found.per_part_s(&OVERHEADS) - best).abs() < 1e-12);
     }
 }

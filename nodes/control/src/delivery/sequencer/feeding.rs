@@ -101,31 +101,37 @@ impl DeliverySequencer {
         }
     }
 
-    /// Whether a trip with the parts that would come to rest now delivers more a minute than one that waits for another
-    /// part, or would lose one that waits.
+    /// Whether it is time to go with the parts that would come to rest now: a trip with another would not be worth more, or none
+    /// comes for long.
     fn is_time_to_stop(&self, now: Stamp) -> bool {
         let Some(frame) = &self.frame else { return false };
         let at_rest = self.drift.at_rest(frame, now);
-        let offers = self.offers();
-        let best = best_tour(&at_rest, &offers, &self.config, &self.planner, &self.overheads);
+        let best = best_tour(&at_rest, &self.offers(), &self.config, &self.planner, &self.overheads);
         let Some(tour) = best else { return false };
-        let most = offers.len().min(usize::try_from(self.config.stops_max).unwrap_or(1));
-        if tour.stops.len() >= most {
-            return true;
-        }
-        let wait_s = self.drift.interval_s();
+        let interval_s = self.drift.interval_s();
         let is_lost = |stop: &Stop| {
             let seen = frame.candidates.iter().find(|candidate| candidate.id == stop.choice.candidate.id);
-            seen.is_none_or(|seen| self.drift.stays_s(seen) < wait_s + self.config.stop_drift_s)
+            seen.is_none_or(|seen| self.drift.stays_s(seen) < interval_s + self.config.stop_drift_s)
         };
-        if tour.stops.iter().any(is_lost) {
-            return true;
-        }
-        // One more stop costs about what one of these does, beside its wait.
-        let stops = tour.stops.len() as f64;
-        let longer = Tour { duration_s: tour.duration_s * (stops + 1.0) / stops + wait_s, ..tour.clone() };
-        let with_another_per_s = (stops + 1.0) / (longer.duration_s + self.overheads.stop_s);
-        tour.rate_per_s(&self.overheads) >= with_another_per_s
+        let wanted = at_rest.candidates.iter().filter(|candidate| self.is_wanted(candidate)).count();
+        tour.stops.len() >= self.queue.len().min(usize::try_from(self.config.stops_max).unwrap_or(1))
+            || wanted > tour.stops.len()
+            || tour.stops.iter().any(is_lost)
+            || self.further_stop_s(&tour) >= tour.per_part_s(&self.overheads)
+            || self.drift.is_lull()
+    }
+
+    /// What a further stop adds to a trip beside the feeding for its part, s: the way to the nearest station that waits, and a
+    /// hand-over there.
+    fn further_stop_s(&self, tour: &Tour) -> f64 {
+        /// Way from one part to the next under the same tool, m.
+        const PARTS_APART_M: f64 = 0.05;
+        let is_served = |id| tour.stops.iter().any(|stop| stop.id == id);
+        let served = || self.queue.iter().filter(|delivery| is_served(delivery.id));
+        let waiting = self.queue.iter().filter(|delivery| !is_served(delivery.id));
+        let ways_m = waiting.flat_map(|delivery| served().map(|other| (other.station_m - delivery.station_m).norm()));
+        let way_m = ways_m.fold(f64::INFINITY, f64::min);
+        self.planner.estimate_s(way_m.max(PARTS_APART_M)) + self.overheads.hand_over_s
     }
 
     pub(super) fn purging(
