@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod cdr;
+mod check;
 mod common;
 mod compare;
 mod damaged;
