@@ -110,6 +110,7 @@ mod tests {
     use feeder_scenario::PartSource;
 
     use super::*;
+    use crate::truth::testing::{self, truth};
 
     /// The middle of the plateau, where the camera looks.
     const MIDDLE_RAD: f64 = 1.5 * PI;
@@ -119,23 +120,7 @@ mod tests {
     }
 
     fn part(id: u32, place: Place, angle_rad: f64) -> TruePart {
-        TruePart {
-            id,
-            part_class: String::new(),
-            place,
-            resting_pose: 0,
-            radius_m: 0.05 + 0.02 * f64::from(id),
-            angle_rad,
-            yaw_rad: 0.0,
-            radial_velocity_m_s: 0.0,
-            tangential_velocity_m_s: 0.0,
-            sticking: true,
-            stranded: false,
-        }
-    }
-
-    fn truth(parts: &[TruePart]) -> TrueParts {
-        TrueParts { parts: parts.to_vec(), ..TrueParts::default() }
+        TruePart { place, angle_rad, ..testing::lying(id, 0.05 + 0.02 * f64::from(id), 0) }
     }
 
     /// Two good parts pass the camera and fall off the end, a lap of a minute.

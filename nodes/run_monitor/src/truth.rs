@@ -108,17 +108,20 @@ impl Settled {
     }
 }
 
+/// Parts for tests.
 #[cfg(test)]
-mod tests {
+pub(crate) mod testing {
+    use feeder_wire::parts::TrueParts;
+
     use super::*;
 
-    /// Parts on the line of ψ = 0, numbered from 0.
-    fn parts(radii_m: &[f64]) -> Vec<TruePart> {
-        let part = |(id, &radius_m): (u32, &f64)| TruePart {
+    /// A part at rest on the plateau, where it meets the line of ψ = 0.
+    pub(crate) fn lying(id: u32, radius_m: f64, resting_pose: u8) -> TruePart {
+        TruePart {
             id,
-            part_class: "block".to_owned(),
+            part_class: String::new(),
             place: Place::Plateau,
-            resting_pose: 0,
+            resting_pose,
             radius_m,
             angle_rad: 0.0,
             yaw_rad: 0.0,
@@ -126,8 +129,21 @@ mod tests {
             tangential_velocity_m_s: 0.0,
             sticking: true,
             stranded: false,
-        };
-        (0..).zip(radii_m).map(part).collect()
+        }
+    }
+
+    pub(crate) fn truth(parts: &[TruePart]) -> TrueParts {
+        TrueParts { parts: parts.to_vec(), ..TrueParts::default() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Parts on the line of ψ = 0, numbered from 0.
+    fn parts(radii_m: &[f64]) -> Vec<TruePart> {
+        (0..).zip(radii_m).map(|(id, &radius_m)| testing::lying(id, radius_m, 0)).collect()
     }
 
     #[test]

@@ -3,13 +3,13 @@
 use std::f64::consts::PI;
 
 use feeder_model::part::Refusals;
-use feeder_model::tray::Place;
 use feeder_scenario::Scenario;
 use feeder_scenario::plan::NodeConfig as _;
 use feeder_wire::parts::TruePart;
 use nalgebra::Vector2;
 
 use super::*;
+use crate::truth::testing::{self, truth};
 
 /// The middle of the plateau, seen from the tray's centre.
 const ANGLE_RAD: f64 = 1.75 * PI;
@@ -26,23 +26,7 @@ fn score() -> FeederScore {
 }
 
 fn lying(id: u32, radius_m: f64, resting_pose: u8) -> TruePart {
-    TruePart {
-        id,
-        part_class: String::new(),
-        place: Place::Plateau,
-        resting_pose,
-        radius_m,
-        angle_rad: ANGLE_RAD,
-        yaw_rad: 0.0,
-        radial_velocity_m_s: 0.0,
-        tangential_velocity_m_s: 0.0,
-        sticking: true,
-        stranded: false,
-    }
-}
-
-fn truth(parts: &[TruePart]) -> TrueParts {
-    TrueParts { parts: parts.to_vec(), ..TrueParts::default() }
+    TruePart { angle_rad: ANGLE_RAD, ..testing::lying(id, radius_m, resting_pose) }
 }
 
 /// What the selector says of a part of a pose at a radius.
