@@ -7,18 +7,23 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 use courier_driver::CourierDriver;
-use feeder_runtime::dds::{NodeName, Participant, Reader};
+use delivery_planner::DeliveryPlanner;
+use feeder_runtime::dds::{NodeName, Participant, Qos, Reader};
 use feeder_runtime::launch::run_real;
 use feeder_runtime::node::ns_of_stamp;
 use feeder_runtime::testing::TestDomain;
 use feeder_scenario::Scenario;
-use feeder_scenario::plan::{CourierDriverConfig, WaveformGeneratorConfig};
+use feeder_scenario::plan::{
+    CourierDriverConfig, DeliveryPlannerConfig, OverheadManipulatorConfig, WaveformGeneratorConfig,
+};
 use feeder_wire::{nodes, services, topics};
+use minifactory_msgs::action_msgs::msg::GoalStatusArray;
 use minifactory_msgs::interface::{ServiceSpec, TopicSpec};
 use minifactory_msgs::lifecycle_msgs::msg::Transition;
 use minifactory_msgs::lifecycle_msgs::srv::{ChangeState, ChangeStateRequest};
 use minifactory_msgs::std_srvs::srv::SetBoolRequest;
 use minifactory_msgs::{Message, Service};
+use overhead_manipulator::OverheadManipulator;
 use waveform_generator::WaveformGenerator;
 
 use crate::common::FEEDER;
@@ -98,6 +103,46 @@ fn a_courier_vibrates_when_a_client_asks_the_generator_to_feed() {
     stop.store(true, Ordering::Relaxed);
     generator.join().unwrap().unwrap();
     courier.join().unwrap().unwrap();
+}
+
+#[test]
+fn a_manipulator_asks_the_planner_that_comes_in_anothers_place() {
+    let domain = TestDomain::claim();
+    let plan = Scenario::default().plan().unwrap();
+    let (_, planner) = plan.of_kind::<DeliveryPlannerConfig>().next().unwrap();
+    let (namespace, manipulator) = plan.of_kind::<OverheadManipulatorConfig>().next().unwrap();
+    let planner = || {
+        let stop = Arc::new(AtomicBool::new(false));
+        let (domain, config, stopping) = (*domain, planner.clone(), stop.clone());
+        (stop, std::thread::spawn(move || run_real::<DeliveryPlanner>(&domain, FEEDER, &config, &stopping)))
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    let manipulator = std::thread::spawn({
+        let (domain, namespace, config, stop) = (*domain, namespace.to_owned(), manipulator.clone(), stop.clone());
+        move || run_real::<OverheadManipulator>(&domain, &namespace, &config, &stop)
+    });
+    let here = participant(&domain);
+    let name = format!("{}/_action/status", services::DELIVER_PART.name_in(FEEDER));
+    let mut requests = Vec::new();
+    for _ in 0..2 {
+        let (stop, planner) = planner();
+        let (sender, heard) = channel();
+        let status_type = GoalStatusArray::INFO.dds_type();
+        let _reader = here.reader(&name, &status_type, &Qos::latched(), move |sample| {
+            let _ = sender.send(sample.decode::<GoalStatusArray>().unwrap());
+        });
+        let goal = loop {
+            if let Some(goal) = heard.recv_timeout(PATIENCE).unwrap().status_list.pop() {
+                break goal.goal_info.goal_id;
+            }
+        };
+        requests.push(goal);
+        stop.store(true, Ordering::Relaxed);
+        planner.join().unwrap().unwrap();
+    }
+    assert_ne!(requests[0], requests[1]);
+    stop.store(true, Ordering::Relaxed);
+    manipulator.join().unwrap().unwrap();
 }
 
 #[test]

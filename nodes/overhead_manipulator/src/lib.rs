@@ -195,7 +195,9 @@ impl OverheadManipulator {
                     }
                     ClientEvent::Rejected(id) => (id, Some("the feeder refused the request".to_owned())),
                     ClientEvent::Lost(id) => (id, Some("the feeder does not answer".to_owned())),
-                    ClientEvent::Finished(id, _, result) => (id, failure(result)),
+                    // Its planner was started again; the result that comes with it is empty, and would read as delivered.
+                    ClientEvent::Finished(id, None, _) => (id, Some("the feeder knows no such request".to_owned())),
+                    ClientEvent::Finished(id, Some(_), result) => (id, failure(result)),
                 };
                 let Some(index) = self.goals.iter().position(|goal| goal.id == id) else { continue };
                 let goal = self.goals.swap_remove(index);

@@ -14,7 +14,7 @@ use minifactory_msgs::interface::standard::CLOCK;
 use minifactory_msgs::rosgraph_msgs::msg::Clock as ClockMessage;
 
 use crate::clock::TimeSource;
-use crate::dds::{Client, DdsError, Participant, Reader};
+use crate::dds::{CallError, Client, DdsError, Participant, Reader, Reply};
 use crate::lockstep::{Incoming, RunError};
 use crate::node::{
     Arrival, AskerInner, CallId, FeederNode, Interface, Output, PortKind, StepIo, ns_of_stamp, stamp_of_ns,
@@ -25,8 +25,6 @@ use crate::public::PublicSide;
 const LAG_MAX: Duration = Duration::from_millis(500);
 /// How long a call waits for its reply.
 const REPLY_LIMIT: Duration = Duration::from_secs(5);
-/// How long a call waits for the result of an action's goal, which comes when the goal has ended.
-const RESULT_LIMIT: Duration = Duration::from_secs(3600);
 /// A node looks at least this often whether it is to stop.
 const STOP_POLL: Duration = Duration::from_millis(100);
 
@@ -261,9 +259,8 @@ impl<N: FeederNode> WallRunner<N> {
     /// The reply arrives with a later step, or that there is none, which is logged too.
     fn call(&self, port: usize, call: CallId, payload: Bytes) {
         let Some(client) = &self.clients[port] else { return };
-        let limit = if client.name().ends_with("/_action/get_result") { RESULT_LIMIT } else { REPLY_LIMIT };
         let sender = self.sender.clone();
-        client.call_with(payload, limit, move |outcome| {
+        let answer = move |outcome: Result<Reply, CallError>| {
             let arrival = match outcome {
                 Ok(reply) => Arrival::Reply { payload: reply.payload, little_endian: reply.little_endian, call },
                 Err(error) => {
@@ -272,7 +269,13 @@ impl<N: FeederNode> WallRunner<N> {
                 }
             };
             let _ = sender.send(Incoming::Outside(port, arrival));
-        });
+        };
+        // A result comes when its goal has ended; a server that was started again answers that it does not know the goal.
+        if client.name().ends_with("/_action/get_result") {
+            client.call_again_with(payload, REPLY_LIMIT, answer);
+        } else {
+            client.call_with(payload, REPLY_LIMIT, answer);
+        }
     }
 }
 

@@ -110,10 +110,39 @@ impl Client {
         timeout: Duration,
         answer: impl FnOnce(Result<Reply, CallError>) + Send + 'static,
     ) {
+        self.start(payload, timeout, false, answer);
+    }
+
+    /// As [`call_with`](Self::call_with) for a reply that may take as long as it likes. As long as a server is there the
+    /// request is sent again every `period`: a server that has taken another's place was not asked yet.
+    pub fn call_again_with(
+        &self,
+        payload: Bytes,
+        period: Duration,
+        answer: impl FnOnce(Result<Reply, CallError>) + Send + 'static,
+    ) {
+        self.start(payload, period, true, answer);
+    }
+
+    fn start(
+        &self,
+        payload: Bytes,
+        timeout: Duration,
+        again: bool,
+        answer: impl FnOnce(Result<Reply, CallError>) + Send + 'static,
+    ) {
         let (line, mut open) = (self.line.clone(), self.open.subscribe());
         self.spawner.spawn(async move {
+            let calls = async {
+                loop {
+                    match line.call(payload.clone(), timeout).await {
+                        Err(CallError::TimedOut { .. }) if again => {}
+                        outcome => break outcome,
+                    }
+                }
+            };
             let outcome = tokio::select! {
-                outcome = line.call(payload, timeout) => outcome,
+                outcome = calls => outcome,
                 // Nothing is ever sent: this ends when the client is dropped.
                 _ = open.changed() => Err(CallError::Closed { service: line.calls.service.to_string() }),
             };

@@ -130,6 +130,36 @@ fn a_call_without_an_answer_ends_with_the_reason() {
 }
 
 #[test]
+fn a_call_that_is_made_again_finds_the_server_that_took_anothers_place_and_ends_where_none_is() {
+    let domain = TestDomain::claim();
+    let (asking, answering) = (participant(&domain, "asking"), participant(&domain, "answering"));
+    let client = client(&asking);
+    // Longer than a server that was just found is given to find its client.
+    let period = Duration::from_secs(1);
+    let ask = || {
+        let (sender, outcome) = mpsc::channel();
+        client.call_again_with(numbers(40, 2), period, move |reply| sender.send(reply).expect("the test waits"));
+        outcome
+    };
+    let (sender, requests) = mpsc::channel();
+    let silent = serve(&answering, move |request| _ = sender.send(request));
+    let outcome = ask();
+    let first = requests.recv_timeout(PATIENCE).expect("a request");
+    drop(requests.recv_timeout(PATIENCE).expect("the same once more"));
+    assert!(outcome.try_recv().is_err(), "a server is there: it may answer yet");
+
+    // Nobody tells the server after it what this one was asked.
+    drop((first, requests, silent));
+    let server = serve(&answering, add);
+    let reply = outcome.recv_timeout(PATIENCE).expect("an end").expect("an answer");
+    assert_eq!(reply.decode::<i64>().expect("a number"), 42);
+
+    drop(server);
+    wait_until("the server is gone", || !client.is_available());
+    assert!(matches!(ask().recv_timeout(PATIENCE), Ok(Err(CallError::Unavailable { .. }))));
+}
+
+#[test]
 fn a_reply_to_a_client_that_has_gone_is_counted() {
     let domain = TestDomain::claim();
     let answering = participant(&domain, "answering");
