@@ -104,10 +104,10 @@ mod tests {
         let (score, mut progress) = (score(None), Progress::default());
         score.check_distances(&[at(0.0), None], &mut progress);
         assert_eq!((progress.couriers_closest_m, progress.collisions), (None, 0));
-        score.check_distances(&[at(0.0), at(0.25)], &mut progress);
+        score.check_distances(&[at(1.0), at(1.25)], &mut progress);
         assert_eq!((progress.couriers_closest_m, progress.collisions), (Some(0.25), 0));
-        score.check_distances(&[at(0.0), at(0.125)], &mut progress);
-        score.check_distances(&[at(0.0), at(0.1875)], &mut progress);
+        score.check_distances(&[at(1.0), at(0.875)], &mut progress);
+        score.check_distances(&[at(1.0), at(1.1875)], &mut progress);
         assert_eq!((progress.couriers_closest_m, progress.collisions), (Some(0.125), 2));
     }
 

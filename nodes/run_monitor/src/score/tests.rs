@@ -207,13 +207,22 @@ fn selections_are_right_wrong_or_missed_by_where_the_part_was_in_the_picture() {
 fn the_planners_time_is_booked_by_what_it_did_and_its_counts_are_kept() {
     let mut score = score();
     let second_ns = 1_000_000_000;
-    let stand = |phase| PlannerStand { phase, accepted: 3, delivered: 2, ..PlannerStand::idle() };
+    let failed_by_outcome = std::array::from_fn(|outcome| u32::from(outcome == 1));
+    let stand = |phase| PlannerStand { phase, accepted: 5, delivered: 2, failed_by_outcome, ..PlannerStand::idle() };
     score.hear_planner(0, &stand(Phase::Feeding));
     score.hear_planner(2 * second_ns, &stand(Phase::Moving));
-    score.hear_planner(5 * second_ns, &stand(Phase::Idle));
-    assert_eq!((score.progress.accepted, score.progress.succeeded), (3, 2));
+    score.hear_planner(5 * second_ns, &presented(&score, 0, 1));
+    assert_eq!((score.progress.accepted, score.progress.succeeded), (0, 0));
+    score.hear_planner(6 * second_ns, &stand(Phase::Idle));
+    assert_eq!((score.progress.accepted, score.progress.succeeded), (5, 2));
     let spent_s = |activity| score.progress.spent_s.get(&activity).copied();
     assert_eq!((spent_s(Activity::Wait), spent_s(Activity::Move)), (Some(2.0), Some(3.0)));
+    // Two of five goals have not ended. The oracle goes by the seconds that were fed, and the parts that came in them.
+    assert_eq!(score.progress.trips.goals_open_max, 2);
+    assert_eq!(score.progress.oracle(), None);
+    score.progress.feed.report.good = 4;
+    let oracle = score.progress.oracle().unwrap();
+    assert_eq!((oracle.right_per_s, oracle.moves_s, oracle.stops), (2.0, 3.0, 2));
 }
 
 #[test]

@@ -215,6 +215,19 @@ mod tests {
     }
 
     #[test]
+    fn each_parameter_is_told_with_its_value_and_whether_it_may_be_set() {
+        let store = store();
+        let told: Vec<(String, String)> = store
+            .messages()
+            .iter()
+            .map(|told| (told.name.clone(), Value::from_message(told.value.clone()).unwrap().to_string()))
+            .collect();
+        let known: Vec<_> = store.iter().map(|(name, value)| (name.to_owned(), value.to_string())).collect();
+        assert_eq!((told.len(), told), (5, known));
+        assert!(store.is_read_only("camera.rows") && !store.is_read_only("on") && !store.is_read_only("unknown"));
+    }
+
+    #[test]
     fn values_given_at_the_start_are_taken_or_refused_by_name() {
         assert_eq!(
             given("camera.rows", &Value::Integer(16)).expect("allowed").get("camera.rows"),
