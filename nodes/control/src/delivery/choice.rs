@@ -77,7 +77,7 @@ pub fn fitting(
         && request.part_gap_m_min.is_none_or(|least_m| candidate.part_gap_m >= least_m)
         && candidate.refusals.may_be_picked();
     let courier = courier_under(station_m, &candidate.position_in_tray_m, config.feeding_place.z);
-    (fits && planner.check_stand(&courier).is_ok()).then(|| Choice { candidate: candidate.clone(), look, courier })
+    (fits && planner.check_way(&courier).is_ok()).then(|| Choice { candidate: candidate.clone(), look, courier })
 }
 
 /// Angle ψ of a candidate's centre in the tray, rad, in 0..2π: the larger, the sooner the feed loses it.

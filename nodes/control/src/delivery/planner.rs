@@ -18,6 +18,8 @@ pub struct MovePlanner {
     pub(super) limits: CourierLimits,
     pub(super) load: Load,
     pub(super) around: Surroundings,
+    /// Where the courier comes from, and the corners that it can come to from there, m; empty: that is not asked.
+    reached_m: Vec<Vector2<f64>>,
 }
 
 impl MovePlanner {
@@ -34,7 +36,7 @@ impl MovePlanner {
         gentle.validate()?;
         limits.validate()?;
         load.validate()?;
-        Ok(Self { gentle, tray, limits, load, around: Surroundings::default() })
+        Ok(Self { gentle, tray, limits, load, around: Surroundings::default(), reached_m: Vec::new() })
     }
 
     /// The same planner among obstacles.
@@ -44,6 +46,13 @@ impl MovePlanner {
     pub fn among(self, around: Surroundings) -> Result<Self, OutOfRange> {
         around.validate()?;
         Ok(Self { around, ..self })
+    }
+
+    /// The same planner for a courier that sets out from `home`.
+    #[must_use]
+    pub fn from_home(self, home: &Vector3<f64>) -> Self {
+        let may_stand = |corner: &Vector2<f64>| self.check_reach(&corner.push(home.z)).is_ok();
+        Self { reached_m: self.around.reached_m(home.xy(), may_stand), ..self }
     }
 
     /// The tray that is moved.
@@ -65,6 +74,21 @@ impl MovePlanner {
     pub fn check_stand(&self, position: &Vector3<f64>) -> Result<(), PlanError> {
         self.check_reach(position)?;
         self.around.check(&position.xy())
+    }
+
+    /// Whether the courier may stand at `position` and a way leads there from home.
+    ///
+    /// # Errors
+    /// As of [`check_stand`](Self::check_stand), or that there is no way.
+    pub fn check_way(&self, position: &Vector3<f64>) -> Result<(), PlanError> {
+        self.check_stand(position)?;
+        let to_m = position.xy();
+        match self.reached_m.first() {
+            Some(home_m) if !self.reached_m.iter().any(|reached_m| self.around.is_clear(*reached_m, to_m)) => {
+                Err(PlanError::NoRoute { from_m: (*home_m).into(), to_m: to_m.into() })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Whether `position` is within the courier's bounds.

@@ -32,8 +32,10 @@ pub enum Refusal {
         /// By how much the tray's rim misses it, m.
         beyond_m: f64,
     },
-    /// No place where the courier may stand brings any part of the plateau under the station.
-    #[error("station {station:?} cannot be served: bounds, tether or keep-out areas leave the courier no place for it")]
+    /// No place where the courier may stand, and to which a way leads, brings any part of the plateau under the station.
+    #[error(
+        "station {station:?} cannot be served: bounds, tether or keep-out areas leave the courier no place for it, or no way"
+    )]
     Blocked {
         /// The station asked for.
         station: String,

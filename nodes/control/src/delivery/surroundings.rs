@@ -83,7 +83,7 @@ impl Surroundings {
     }
 
     /// Whether the straight way between two places is clear.
-    fn is_clear(&self, from_m: Vector2<f64>, to_m: Vector2<f64>) -> bool {
+    pub(super) fn is_clear(&self, from_m: Vector2<f64>, to_m: Vector2<f64>) -> bool {
         let way = Area { points_m: vec![from_m, to_m], radius_m: self.footprint_radius_m };
         self.keep_out.iter().all(|area| area.distance_m(&way) >= -SLACK_M)
     }
@@ -138,6 +138,25 @@ impl Surroundings {
         }
         route.reverse();
         Ok(route)
+    }
+
+    /// A place, and all corners that can be come to from there through corners for which `may_stand` holds.
+    pub(super) fn reached_m(
+        &self,
+        from_m: Vector2<f64>,
+        may_stand: impl Fn(&Vector2<f64>) -> bool,
+    ) -> Vec<Vector2<f64>> {
+        let mut left: Vec<Vector2<f64>> =
+            self.corners().filter(|corner| may_stand(corner) && self.check(corner).is_ok()).collect();
+        let mut reached_m = vec![from_m];
+        let mut looked_from = 0;
+        while let Some(&here_m) = reached_m.get(looked_from) {
+            let (next, rest) = left.into_iter().partition(|corner| self.is_clear(here_m, *corner));
+            reached_m.extend::<Vec<_>>(next);
+            left = rest;
+            looked_from += 1;
+        }
+        reached_m
     }
 
     /// Places from which routes may turn round a keep-out area.

@@ -10,6 +10,7 @@ use feeder_control::delivery::{
 };
 use feeder_control::platen::Area;
 use feeder_model::motor::Load;
+use feeder_model::part::Refusals;
 use feeder_model::tray::TrayGeometry;
 use nalgebra::Vector2;
 
@@ -203,6 +204,88 @@ fn a_station_that_a_camera_sees_is_looked_at_anew_and_the_part_presented_where_i
     assert!(matches!(hand.ends(2.11).0, Some(Err(Failure::PartLost(reason))) if reason.contains("0.60 mm")));
 }
 
+/// The washer at [`PART_M`], of which something is said.
+fn washer_with(id: u64, refusals: Refusals) -> OfferedPart {
+    OfferedPart { refusals, ..washer(id, PART_M.into()) }
+}
+
+fn frame(s: f64, candidates: Vec<OfferedPart>) -> CandidateFrame {
+    CandidateFrame { stamp: at(s), candidates, is_blind: false }
+}
+
+#[test]
+fn a_part_under_the_tool_whose_pose_is_not_yet_sure_again_is_looked_at_until_it_is() {
+    let rechecked = || DeliveryConfig { rechecked_stations: ["right".to_owned()].into(), ..config() };
+    let none = Refusals::default();
+    let unsure = Refusals { pose_unsure: true, ..none };
+    let disagrees = Refusals { pose_disagrees: true, ..unsure };
+    let near = Refusals { part_too_near: true, ..none };
+    let lost = |end: Option<Result<(), Failure>>| matches!(end, Some(Err(Failure::PartLost(_))));
+    let seen = |hand: &mut ByHand, s: f64, refusals| {
+        hand.sequencer.candidates(frame(s, vec![washer_with(1, refusals)]));
+        hand.ends(s + 0.01).0
+    };
+    let mut hand = ByHand::arrived(rechecked(), 0.5e-3, None, 0.0);
+    hand.step(2.0);
+    for s in [2.1, 2.2, 2.3] {
+        assert_eq!(seen(&mut hand, s, unsure), None);
+        assert_eq!(hand.sequencer.phase(), Phase::Looking);
+    }
+    assert_eq!(seen(&mut hand, 2.4, none), None);
+    assert_eq!(hand.sequencer.phase(), Phase::Presented);
+    // What an image itself speaks against is not waited for, nor is a doubt that stays.
+    for refusals in [disagrees, near, Refusals { part_too_near: true, ..unsure }] {
+        let mut hand = ByHand::arrived(rechecked(), 0.5e-3, None, 0.0);
+        hand.step(2.0);
+        assert!(lost(seen(&mut hand, 2.1, refusals)), "{refusals}");
+    }
+    let mut hand = ByHand::arrived(rechecked(), 0.5e-3, None, 0.0);
+    hand.step(2.0);
+    let ends = [2.1, 2.5, 2.9, 3.3].map(|s| lost(seen(&mut hand, s, unsure)));
+    assert_eq!(ends, [false, false, false, true]);
+    // Nor are images that do not come.
+    let mut hand = ByHand::arrived(rechecked(), 0.5e-3, None, 0.0);
+    hand.step(2.0);
+    assert_eq!(seen(&mut hand, 2.1, unsure), None);
+    assert_eq!(hand.ends(2.05 + config().look_timeout_s).0, None);
+    assert_eq!(hand.ends(2.15 + config().look_timeout_s).0, Some(Err(Failure::NoImage)));
+}
+
+#[test]
+fn a_part_that_was_not_as_chosen_under_the_tool_is_passed_over_until_parts_are_fed_on() {
+    let rechecked = || DeliveryConfig { rechecked_stations: ["right".to_owned()].into(), ..config() };
+    let (none, near) = (Refusals::default(), Refusals { part_too_near: true, ..Refusals::default() });
+    // Home again, with the next request, and a look in which the part seems to have room.
+    let looked_again = || {
+        let mut hand = ByHand::arrived(rechecked(), 0.5e-3, None, 0.0);
+        hand.step(2.0);
+        hand.sequencer.candidates(frame(2.1, vec![washer_with(1, near)]));
+        let back = hand.departs(2.11).unwrap();
+        assert_eq!(hand.sequencer.open().count(), 0);
+        hand.home(2.9, true);
+        hand.sequencer.move_ended(back, Ok(()));
+        hand.home(3.0, false);
+        hand.sequencer.request(at(3.0), asking("right", 0.5e-3)).unwrap();
+        hand.step(3.0);
+        hand.step(3.1);
+        hand.sequencer.candidates(frame(3.15, vec![washer_with(1, none)]));
+        assert_eq!(hand.departs(3.16), None);
+        hand
+    };
+    let mut hand = looked_again();
+    let beside = washer(2, [0.01, -0.07].into());
+    hand.sequencer.candidates(frame(3.25, vec![washer_with(1, none), beside]));
+    assert!(hand.departs(3.26).is_some());
+    let mut hand = looked_again();
+    hand.sequencer.candidates(frame(3.25, vec![washer_with(1, none)]));
+    hand.step(3.26);
+    assert_eq!(hand.sequencer.phase(), Phase::Feeding);
+    hand.sequencer.candidates(frame(3.9, vec![washer_with(1, none)]));
+    hand.step(3.91);
+    hand.home(4.0, false);
+    assert!(hand.departs(4.0).is_some());
+}
+
 #[test]
 fn a_hand_over_is_reported_by_the_name_of_its_own_delivery() {
     let mut hand = ByHand::arrived(config(), 0.5e-3, None, 0.0);
@@ -260,6 +343,27 @@ fn a_station_is_served_where_the_plateau_reaches_it_and_the_ramp_does_not_count(
     // A thin post under the tool keeps the courier off by its own 0.1 m, which is more than the plateau bridges.
     let post = Area::disc(Vector2::new(0.3, 0.1), 0.02);
     assert!(matches!(asked([0.3, 0.1], vec![post]), Err(Refusal::Blocked { .. })));
+    // A wall from bound to bound leaves a place to stand but no way; one with a gap that the courier fits through leaves both.
+    let wall =
+        |end_m: f64| Area { points_m: vec![Vector2::new(0.25, -0.9), Vector2::new(0.25, end_m)], radius_m: 0.01 };
+    assert!(matches!(asked([0.45, 0.1], vec![wall(0.9)]), Err(Refusal::Blocked { .. })));
+    assert!(matches!(asked([0.45, 0.1], vec![wall(0.45)]), Err(Refusal::Blocked { .. })));
+    assert!(asked([0.45, 0.1], vec![wall(0.2)]).is_ok());
+}
+
+#[test]
+fn a_part_that_only_stands_behind_a_wall_would_bring_under_the_tool_is_left() {
+    // The station stands above the end of a wall: from this side parts of the plateau that lie right are brought, from the other
+    // side those that lie left.
+    let wall = Area { points_m: vec![Vector2::new(0.3, -0.9), Vector2::new(0.3, 0.9)], radius_m: 0.0 };
+    let stations_m = [("right".to_owned(), Vector2::new(0.26, 0.0))].into();
+    let config = DeliveryConfig { stations_m, keep_out: vec![wall], footprint_radius_m: 0.04, ..config() };
+    let mut hand = ByHand::new(config, 0.5e-3, None);
+    hand.step(1.06);
+    hand.see(1.08, &[[-0.085, -0.01]]);
+    assert_eq!(hand.departs(1.1), None);
+    hand.see(1.12, &[[-0.085, -0.01], [0.07, -0.01]]);
+    assert!(hand.departs(1.13).is_some());
 }
 
 #[test]

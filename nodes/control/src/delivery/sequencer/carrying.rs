@@ -14,6 +14,7 @@ use super::super::request::{DeliveryId, MoveId, Stamp};
 use super::super::tour::Stop;
 use super::{DeliverySequencer, Planned, SequencerState, late, mean_s};
 use crate::platen::{Area, segment_distance_m};
+use feeder_model::part::Refusals;
 
 /// Corners of the way of a move, platen frame, m.
 type Route = Vec<Vector2<f64>>;
@@ -139,7 +140,7 @@ impl DeliverySequencer {
                 self.enter(SequencerState::Moving { stops, id, deadline: now, ended: true }, Some(now))
             }
             Err(error) => {
-                self.state = SequencerState::Checking { stops, since: now };
+                self.state = SequencerState::Checking { stops, since: now, seen: None };
                 self.fail(now, Failure::Plan(error))
             }
         }
@@ -170,7 +171,7 @@ impl DeliverySequencer {
         if ended && self.rest_since.is_some() && offset_m.is_some_and(|offset_m| offset_m.norm() <= tolerance_m) {
             let station = self.delivery(stop.id).map(|delivery| &delivery.request.station);
             if station.is_some_and(|station| self.config.rechecked_stations.contains(station)) {
-                return self.enter(SequencerState::Checking { stops, since: now }, Some(now));
+                return self.enter(SequencerState::Checking { stops, since: now, seen: None }, Some(now));
             }
             return self.present(now, stops);
         }
@@ -184,23 +185,41 @@ impl DeliverySequencer {
         Some(report.position.xy() + Rotation2::new(report.position.z) * point_in_tray_m - delivery.station_m)
     }
 
-    /// Looks at the part again where a camera sees the station.
-    pub(super) fn checking(&mut self, now: Stamp, mut stops: VecDeque<Planned>, since: Stamp) -> bool {
+    /// Looks at the part again where a camera sees the station: at one image, or as long as that shows the part as chosen but
+    /// the images so far do not yet make its pose sure.
+    pub(super) fn checking(
+        &mut self,
+        now: Stamp,
+        mut stops: VecDeque<Planned>,
+        since: Stamp,
+        seen: Option<Stamp>,
+    ) -> bool {
+        /// One image in which a pose does not show is outweighed by those of some tenths of a second.
+        const UNSURE_S_MAX: f64 = 1.0;
         let Some(stop) = stops.front_mut().map(|planned| &mut planned.stop) else { return self.go_back(now) };
-        let fresh = self.rest_since.and_then(|rest| self.frame.as_ref().filter(|frame| frame.stamp >= rest.max(since)));
-        let Some(frame) = fresh else {
-            return late(now, since, self.config.look_timeout_s) && self.fail(now, Failure::NoImage);
+        let rest = self.rest_since.map(|rest| rest.max(since));
+        let fresh = self.frame.as_ref().filter(|frame| rest.is_some_and(|rest| frame.stamp >= rest));
+        let Some(frame) = fresh.filter(|frame| seen < Some(frame.stamp)) else {
+            return late(now, seen.unwrap_or(since), self.config.look_timeout_s) && self.fail(now, Failure::NoImage);
         };
         let Some(delivery) = self.delivery(stop.id) else { return self.go_back(now) };
         let chosen = &stop.choice.candidate;
         let distance_m = |part: &OfferedPart| (part.position_in_tray_m - chosen.position_in_tray_m).norm();
         let nearest = frame.candidates.iter().min_by(|a, b| distance_m(a).total_cmp(&distance_m(b)));
         let lost = match nearest {
-            Some(part) if distance_m(part) <= delivery.request.tolerance_m => why_not(part, chosen),
+            Some(part) if distance_m(part) <= delivery.request.tolerance_m => {
+                if is_merely_unsure(part, chosen) && !late(now, since, UNSURE_S_MAX) {
+                    let seen = Some(frame.stamp);
+                    self.state = SequencerState::Checking { stops, since, seen };
+                    return false;
+                }
+                why_not(part, chosen)
+            }
             Some(part) => Some(format!("the nearest part lies {:.2} mm from its place", distance_m(part) * 1e3)),
             None => Some("no part is seen at its place".to_owned()),
         };
         if let Some(reason) = lost {
+            self.passed_over.insert(chosen.id);
             return self.fail(now, Failure::PartLost(reason));
         }
         if let Some(part) = nearest {
@@ -349,4 +368,10 @@ fn why_not(part: &OfferedPart, chosen: &OfferedPart) -> Option<String> {
         (Some(lies), Some(wanted)) if lies != wanted => Some(format!("it lies {lies}, not {wanted}")),
         _ => (!part.refusals.may_be_picked()).then(|| part.refusals.to_string()),
     }
+}
+
+/// Whether a part lies as chosen by the latest image, and only earlier ones leave a doubt of its pose.
+fn is_merely_unsure(part: &OfferedPart, chosen: &OfferedPart) -> bool {
+    let unsure = Refusals { pose_unsure: true, ..Refusals::default() };
+    part.pose_class == chosen.pose_class && part.refusals == unsure
 }

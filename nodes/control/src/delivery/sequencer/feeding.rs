@@ -209,6 +209,7 @@ impl DeliverySequencer {
         }
         if looks + 1 >= self.config.looks {
             self.drift.start();
+            self.passed_over.clear();
             self.arrival_watch.wait();
             return self.enter(SequencerState::Feeding { since: now, starved: false }, self.expected(now));
         }
@@ -226,8 +227,9 @@ impl DeliverySequencer {
 
     /// The stops of the next trip with the parts as they lie.
     fn choose(&self) -> Option<VecDeque<Stop>> {
-        let frame = self.frame.as_ref()?;
-        let tour = best_tour(frame, &self.offers(), &self.config, &self.planner, &self.overheads)?;
+        let mut frame = self.frame.clone()?;
+        frame.candidates.retain(|part| !self.passed_over.contains(&part.id));
+        let tour = best_tour(&frame, &self.offers(), &self.config, &self.planner, &self.overheads)?;
         Some(tour.stops.into())
     }
 

@@ -40,7 +40,7 @@ impl DeliverySequencer {
         Ok(id)
     }
 
-    /// Whether some point of the plateau can be brought under a tool axis.
+    /// Whether some point of the plateau can be brought under a tool axis: the courier may stand there, and comes there.
     fn can_serve(&self, station_m: &Vector2<f64>) -> bool {
         const STEPS: u32 = 16;
         let tray = self.planner.tray();
@@ -51,7 +51,7 @@ impl DeliverySequencer {
                 let radius_m = inner_m + (outer_m - inner_m) * f64::from(radius) / f64::from(STEPS);
                 let point_m = Vector2::new(angle_rad.cos(), angle_rad.sin()) * radius_m;
                 let stand = courier_under(station_m, &point_m, self.config.feeding_place.z);
-                self.planner.check_stand(&stand).is_ok()
+                self.planner.check_way(&stand).is_ok()
             })
         })
     }

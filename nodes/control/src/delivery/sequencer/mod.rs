@@ -4,7 +4,7 @@ mod carrying;
 mod feeding;
 mod inputs;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
 
 use nalgebra::{Vector2, Vector3};
@@ -77,6 +77,7 @@ enum SequencerState {
     Checking {
         stops: VecDeque<Planned>,
         since: Stamp,
+        seen: Option<Stamp>,
     },
     Presented {
         stops: VecDeque<Planned>,
@@ -152,6 +153,8 @@ pub struct DeliverySequencer {
     /// Whether it was told that the courier stands still.
     still_told: bool,
     frame: Option<CandidateFrame>,
+    /// Parts that were not as chosen under a tool, until parts move on: where they lie they would not be the next time either.
+    passed_over: BTreeSet<u64>,
     /// Stamp of the last frame that feeding has looked at.
     fed_frame: Option<Stamp>,
     courier: Option<CourierReport>,
@@ -193,6 +196,7 @@ impl DeliverySequencer {
         config.validate()?;
         let planner = MovePlanner::new(config.gentle, tray, limits, load)?.among(config.surroundings())?;
         planner.check_reach(&config.feeding_place)?;
+        let planner = planner.from_home(&config.feeding_place);
         Ok(Self {
             leases: Leases::new(config.arbitrated),
             trip_m: Vec::new(),
@@ -213,6 +217,7 @@ impl DeliverySequencer {
             not_fed: None,
             still_told: false,
             frame: None,
+            passed_over: BTreeSet::new(),
             fed_frame: None,
             courier: None,
             courier_warning: None,
@@ -342,7 +347,7 @@ impl DeliverySequencer {
             }
             SequencerState::Reserving { stops } => self.reserving(now, stops),
             SequencerState::Moving { stops, id, deadline, ended } => self.moving(now, stops, id, deadline, ended),
-            SequencerState::Checking { stops, since } => self.checking(now, stops, since),
+            SequencerState::Checking { stops, since, seen } => self.checking(now, stops, since, seen),
             SequencerState::Presented { stops, delivered, since, deadline, taken } => {
                 self.presented(now, stops, delivered, since, deadline, taken)
             }
