@@ -8,7 +8,7 @@ use nalgebra::{Point2, Point3, Vector2};
 use crate::view::View;
 
 /// Spokes on which the outer edge of the rim and that of the hub are looked for, and places along the drop-off.
-const RIM_SPOKES: u32 = 120;
+pub(super) const RIM_SPOKES: u32 = 120;
 const HUB_SPOKES: u32 = 72;
 const DROP_OFF_PLACES: u32 = 48;
 /// Share of the plateau's width at both ends of the drop-off that is left out: there the walls' shade lies.

@@ -118,16 +118,19 @@ pub fn calibrate(
     Ok(Calibrated { camera: fit.camera, miss_px: square.sqrt(), edges: fitting.len() })
 }
 
-/// The camera hung so that it sees what a picture shows; nothing if that shows too little of the rim.
+/// The camera hung so that it sees what a picture shows, and the share of the rim that lies in that; nothing if it is too
+/// little.
 pub(super) fn pose_seen(
     shot: &Shot,
     camera: &CameraModel,
     tray: &MountedTray,
-) -> Result<Option<CameraModel>, RimNotSeen> {
+) -> Result<Option<(CameraModel, f64)>, RimNotSeen> {
+    let mut in_view = 0;
     let mut fit = Fit { camera: camera.clone(), with_k1: false, points: Vec::new() };
     for reach_px in WATCH_REACHES_PX {
         fit.points.clear();
-        if fit.look(shot, tray, reach_px) < RIM_IN_VIEW_MIN {
+        in_view = fit.look(shot, tray, reach_px);
+        if in_view < RIM_IN_VIEW_MIN {
             return Ok(None);
         }
         // A fit that is no camera is as good as none: the rim is then not where it should be.
@@ -136,7 +139,7 @@ pub(super) fn pose_seen(
         }
     }
     let enough = fit.rim(shot, tray)?;
-    Ok(enough.then_some(fit.camera))
+    Ok(enough.then_some((fit.camera, in_view as f64 / f64::from(edges::RIM_SPOKES))))
 }
 
 /// A camera, and where edges are seen.

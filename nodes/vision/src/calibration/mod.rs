@@ -59,6 +59,8 @@ pub struct Misalignment {
     pub turn_rad: f64,
     /// Greatest error of place anywhere on the plateau that is in the picture, m.
     pub error_m: f64,
+    /// Share of the rim that lies in the picture, 0 to 1: of less than half a circle the middle is guessed.
+    pub rim_ratio: f64,
 }
 
 impl std::fmt::Display for Misalignment {
@@ -105,7 +107,9 @@ pub fn misalignment(
     }
     let shot = Shot { image, platen_from_tray: *platen_from_tray };
     let seen_by = fit::pose_seen(&shot, camera, tray)?;
-    Ok(seen_by.map(|seen_by| compare(camera, &seen_by, tray, platen_from_tray)))
+    let compared =
+        |(seen_by, rim_ratio)| Misalignment { rim_ratio, ..compare(camera, &seen_by, tray, platen_from_tray) };
+    Ok(seen_by.map(compared))
 }
 
 /// What the places on the plateau that are in the picture come to if one of the camera `truly` is read as one of `believed`.
@@ -136,6 +140,7 @@ fn compare(
         scale: depth(believed) / depth(truly),
         turn_rad: believed.pose().yaw_rad - truly.pose().yaw_rad,
         error_m,
+        rim_ratio: 0.0,
     }
 }
 

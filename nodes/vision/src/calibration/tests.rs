@@ -164,3 +164,40 @@ fn a_warning_is_of_many_frames_and_a_refusal_of_one() {
     let warning = watch.warning().unwrap();
     assert!((warning.error_m - 0.0005).abs() < BIAS_M, "{warning}");
 }
+
+#[test]
+fn pictures_that_show_little_of_the_rim_warn_of_nothing_as_long_as_others_show_more() {
+    // A camera a little off, as all are.
+    let truth = changed(|spec| {
+        spec.pose.x_m += 4e-5;
+        spec.pose.y_m -= 3e-5;
+        spec.pose.height_m += 3e-4;
+        spec.pose.yaw_rad += 4e-4;
+        spec.distortion = Distortion { k1: -0.004, ..Distortion::default() };
+    });
+    let (camera, tray, home) = stated();
+    // Half out of the picture.
+    let beside = Isometry2::new(Vector2::new(-0.06, 0.018), 0.0);
+    let limits = CalibrationLimits::default();
+    let (whole, part) = (picture(&truth, &home), picture(&truth, &beside));
+    let guessed = misalignment(&part, &camera, &tray, &beside).unwrap().unwrap();
+    let known = misalignment(&whole, &camera, &tray, &home).unwrap().unwrap();
+    assert!(guessed.rim_ratio < 0.45 && known.rim_ratio > 0.55, "{} {}", guessed.rim_ratio, known.rim_ratio);
+    assert!(limits.warn_of(&guessed) && !limits.warn_of(&known), "{guessed}; {known}");
+    let mut watch = CalibrationWatch::new(limits, camera.clone(), tray);
+    watch.look(&whole, &home).unwrap();
+    for _ in 0..20 {
+        watch.look(&part, &beside).unwrap();
+    }
+    assert_eq!(watch.warning(), None);
+    // Where no more is ever seen, that must do; and what is seen at home counts however long the tray was away.
+    let mut away = CalibrationWatch::new(limits, camera.clone(), tray);
+    away.look(&part, &beside).unwrap();
+    assert!(away.warning().is_some());
+    let drifted = Isometry2::new(Vector2::new(home.translation.x + 0.0005, home.translation.y), 0.0);
+    for _ in 0..5 {
+        watch.look(&whole, &drifted).unwrap();
+        watch.look(&part, &beside).unwrap();
+    }
+    assert!(watch.warning().is_some());
+}

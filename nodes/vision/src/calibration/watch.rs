@@ -10,6 +10,10 @@ use feeder_model::camera::{CameraModel, MountedTray};
 
 /// Frames whose median decides whether a warning is given: one that is blurred or half hidden does not.
 const FRAMES: usize = 9;
+/// Share of the rim that a frame must show to count for a warning: with less, small errors of the lens look like a camera that
+/// has moved. Where a camera never sees so much, nearly as much as it saw at best.
+const RIM_RATIO_MIN: f64 = 0.5;
+const NEARLY: f64 = 0.9;
 
 /// Why nothing of a picture can be trusted to lie where it seems to.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -53,13 +57,15 @@ pub struct CalibrationWatch {
     camera: CameraModel,
     tray: MountedTray,
     recent: VecDeque<Misalignment>,
+    /// Greatest share of the rim that a frame has shown.
+    rim_ratio_max: f64,
 }
 
 impl CalibrationWatch {
     /// Nothing seen so far.
     #[must_use]
     pub fn new(limits: CalibrationLimits, camera: CameraModel, tray: MountedTray) -> Self {
-        Self { limits, camera, tray, recent: VecDeque::new() }
+        Self { limits, camera, tray, recent: VecDeque::new(), rim_ratio_max: 0.0 }
     }
 
     /// Looks at a frame with the tray at `platen_from_tray`.
@@ -69,10 +75,13 @@ impl CalibrationWatch {
     /// [`CalibrationFault`] if this frame is too far off.
     pub fn look(&mut self, image: &GrayImage, platen_from_tray: &Isometry2<f64>) -> Result<(), CalibrationFault> {
         let Some(found) = misalignment(image, &self.camera, &self.tray, platen_from_tray)? else { return Ok(()) };
-        if self.recent.len() >= FRAMES {
-            self.recent.pop_front();
+        self.rim_ratio_max = self.rim_ratio_max.max(found.rim_ratio);
+        if found.rim_ratio >= RIM_RATIO_MIN.min(NEARLY * self.rim_ratio_max) {
+            if self.recent.len() >= FRAMES {
+                self.recent.pop_front();
+            }
+            self.recent.push_back(found);
         }
-        self.recent.push_back(found);
         self.limits.require(&found)
     }
 
