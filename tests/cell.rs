@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use feeder_control::platen::Area;
 use feeder_scenario::Scenario;
 use feeder_scenario::plan::DeliveryPlannerConfig;
 use serde_json::Value;
@@ -90,6 +91,22 @@ fn a_station_beyond_the_tether_is_refused_and_others_are_served() {
     let outcome = Up::new("--duration 20 --composed").scenario(&scenario).success();
     assert!(outcome.number("delivered") >= 1.0, "{}", outcome.summary());
     assert!(outcome.stderr.contains("\"station_2\" cannot be served"), "{}", outcome.stderr);
+}
+
+#[test]
+fn a_walled_off_station_is_refused_when_it_asks_and_others_are_served() {
+    let mut scenario = Scenario::default();
+    let mut behind = scenario.stations[0].clone();
+    behind.name = "station_2".to_owned();
+    (behind.x_m, behind.y_m) = (0.1, -0.38);
+    scenario.stations.push(behind);
+    // From bound to bound: there is room to stand behind it.
+    scenario.platen.keep_out = vec![Area { points_m: vec![[-0.9, -0.2].into(), [0.9, -0.2].into()], radius_m: 0.01 }];
+    let outcome = Up::new("--duration 20 --composed").scenario(&scenario).success();
+    assert!(outcome.number("delivered") >= 1.0, "{}", outcome.summary());
+    assert_eq!(outcome.summary()["failed"].as_object().unwrap().len(), 0, "{}", outcome.summary());
+    let said = ["\"station_2\" cannot be served", "no part: the feeder refused the request"];
+    assert!(said.iter().all(|said| outcome.stderr.contains(said)), "{}", outcome.stderr);
 }
 
 /// The courier comes to rest where the camera sees the part again, from another side.
