@@ -5,7 +5,7 @@ use std::fs::File;
 use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use feeder_runtime::testing::TestDomain;
 use rustix::process::Signal;
@@ -16,7 +16,7 @@ use tungstenite::{Message, WebSocket};
 use crate::common::{Process, Up, feeder, wait_for};
 use crate::system::{REFERENCE, REPEATED};
 
-/// Longest wait for a message. It only keeps a failing test from hanging.
+/// Longest wait for what is looked for. It only keeps a failing test from hanging.
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// The address that a view has printed.
@@ -65,7 +65,10 @@ impl Viewer {
     /// The first message from now on of which this holds.
     #[track_caller]
     fn until(&mut self, what: &str, holds: impl Fn(&Value) -> bool) -> Value {
+        let since = Instant::now();
         loop {
+            // The view says how it is once a second whatever happens, so that reading alone never ends.
+            assert!(since.elapsed() < PATIENCE, "the view does not show {what}");
             let message = self.read().unwrap_or_else(|| panic!("the view has ended without {what}"));
             if holds(&message) {
                 return message;
@@ -287,11 +290,12 @@ fn a_viewer_stays_while_the_suite_is_started_again() {
     assert_eq!(viewer.next("hello")["source"], "graph");
     for run in 0..2 {
         let mut suite = quiet(&domain, "up");
-        let mut suite = suite.args(["--composed", "--duration", "10", "--speed", "10"]).spawn().unwrap();
+        let mut suite = suite.args(["--composed", "--duration", "3600", "--speed", "10"]).spawn().unwrap();
         if run > 0 {
             viewer.next("hello");
         }
         viewer.frame("the run", |frame| time_s(frame) > 3.0 && !frame["feeders"]["feeder"]["truth"].is_null());
+        Process::new(suite.id()).signal(Signal::INT);
         assert!(suite.wait().unwrap().success());
     }
 }
