@@ -211,7 +211,8 @@ fn the_planners_time_is_booked_by_what_it_did_and_its_counts_are_kept() {
     let stand = |phase| PlannerStand { phase, accepted: 5, delivered: 2, failed_by_outcome, ..PlannerStand::idle() };
     score.hear_planner(0, &stand(Phase::Feeding));
     score.hear_planner(2 * second_ns, &stand(Phase::Moving));
-    score.hear_planner(5 * second_ns, &presented(&score, 0, 1));
+    let first = PlannerStand { delivery_id: Some("1".to_owned()), ..presented(&score, 0, 1) };
+    score.hear_planner(5 * second_ns, &first);
     assert_eq!((score.progress.accepted, score.progress.succeeded), (0, 0));
     score.hear_planner(6 * second_ns, &stand(Phase::Idle));
     assert_eq!((score.progress.accepted, score.progress.succeeded), (5, 2));
