@@ -239,6 +239,12 @@ fn a_part_under_the_tool_whose_pose_is_not_yet_sure_again_is_looked_at_until_it_
         hand.step(2.0);
         assert!(lost(seen(&mut hand, 2.1, refusals)), "{refusals}");
     }
+    // Nor is a part that has turned over.
+    let mut hand = ByHand::arrived(rechecked(), 0.5e-3, None, 0.0);
+    hand.step(2.0);
+    let turned = OfferedPart { pose_class: Some("face_down".into()), ..washer_with(1, unsure) };
+    hand.sequencer.candidates(frame(2.1, vec![turned]));
+    assert!(lost(hand.ends(2.11).0));
     let mut hand = ByHand::arrived(rechecked(), 0.5e-3, None, 0.0);
     hand.step(2.0);
     let ends = [2.1, 2.5, 2.9, 3.3].map(|s| lost(seen(&mut hand, s, unsure)));
