@@ -155,6 +155,12 @@ impl Selector {
         self.shaken = shaken;
     }
 
+    /// Takes that until `stamp_s` nobody looked, and that the tray was not shaken: parts lie where they lay, and are known again
+    /// however long that was.
+    pub fn rest(&mut self, stamp_s: f64) {
+        self.tracker.rest(stamp_s);
+    }
+
     /// Looks at a frame taken at `stamp_s` with the tray at `platen_from_tray`; returns the parts it shows, tracked, in
     /// the order of their identities.
     ///

@@ -84,6 +84,9 @@ pub struct PoseHistory {
 
 /// A tray that turns faster is shaken, rad/s: waveforms reach some tenths, moves do without.
 const SHAKEN_RAD_S: f64 = 0.02;
+/// A tray that goes faster than this, wherever it turns, is under way, m/s: waveforms turn it on the spot, and what a poor motor
+/// makes of them stays below. A stamp that is off by a millisecond puts a part aside by as many micrometres.
+const UNDER_WAY_M_S: f64 = 0.05;
 
 impl PoseHistory {
     /// An empty history.
@@ -144,6 +147,14 @@ impl PoseHistory {
     #[must_use]
     pub fn shaken_since(&self, stamp_ns: u64) -> bool {
         self.shaken_ns.is_none_or(|shaken_ns| shaken_ns > stamp_ns)
+    }
+
+    /// Whether the tray was being carried from place to place at this time, by the pose noted next, or else the last.
+    #[must_use]
+    pub fn is_under_way(&self, stamp_ns: u64) -> bool {
+        let after = self.poses.partition_point(|pose| pose.stamp_ns < stamp_ns);
+        let pose = self.poses.get(after).or(self.poses.back());
+        pose.is_some_and(|pose| pose.velocity.xy().norm() > UNDER_WAY_M_S)
     }
 
     fn is_too_old(&self, stamp_ns: u64) -> bool {
@@ -232,6 +243,23 @@ mod tests {
         assert!(history.shaken_since(19 * MS) && !history.shaken_since(20 * MS) && !history.shaken_since(2990 * MS));
         let still = self::history([turning(10, 0.0), turning(20, 0.0)]);
         assert!(still.shaken_since(9 * MS) && !still.shaken_since(10 * MS));
+    }
+
+    #[test]
+    fn a_tray_is_under_way_while_it_goes_and_not_while_it_turns() {
+        let going = |ms: u64, velocity: [f64; 3]| TimedPose { velocity: velocity.into(), ..at(ms * MS, 0.0) };
+        assert!(!history([]).is_under_way(0));
+        let history = history([
+            going(10, [0.0, 0.0, 3.0]),
+            going(20, [0.03, -0.039, 0.0]),
+            going(30, [0.03, -0.041, 0.0]),
+            going(40, [0.0, 0.001, -3.0]),
+        ]);
+        for (ms, is_under_way) in
+            [(0, false), (10, false), (20, false), (25, true), (30, true), (31, false), (50, false)]
+        {
+            assert_eq!(history.is_under_way(ms * MS), is_under_way, "{ms} ms");
+        }
     }
 
     #[test]

@@ -298,6 +298,13 @@ impl Tracker {
         self.turn_rad_s = turn_rad_s;
     }
 
+    /// Parts lie at `stamp_s` where they lay when they were seen last.
+    pub(super) fn rest(&mut self, stamp_s: f64) {
+        for track in &mut self.tracks {
+            track.stamp_s = track.stamp_s.max(stamp_s);
+        }
+    }
+
     /// Takes in what a frame shows, and whether the tray was shaken since the one before; returns the tracks it shows, by
     /// identity.
     pub(super) fn update(&mut self, stamp_s: f64, candidates: &[Candidate], shaken: bool) -> Vec<TrackedCandidate> {

@@ -2,8 +2,8 @@
 //!
 //! It works from the images (compressed, or raw ones where `image_transport` says so), the calibration and odometry,
 //! interpolated to the image's stamp, with a model of the part that was taught from pictures (`feeder teach`). An image whose
-//! stamp is ahead of odometry waits a while; one that comes a second time, or after a later one, is left out. The tray's rim
-//! and hub are looked for in each: where they lie beside where they should be, nothing is selected. Why nothing is selected
+//! stamp is ahead of odometry waits a while; one that comes a second time, or after a later one, is left out, and one that was taken
+//! while the tray went from place to place shows nothing. The tray's rim and hub are looked for in each: where they lie beside where they should be, nothing is selected. Why nothing is selected
 //! is said once in the log, and on `/diagnostics`; so is what contradicts the calibration, in images or in `camera_info`.
 //!
 //! Every part that lies wholly on the plateau is a detection, its bounding box in the tray frame, turned as the part is if
@@ -84,7 +84,7 @@ pub struct VisionSelector {
 /// Images so far.
 #[derive(Debug, Default)]
 struct Frames {
-    /// Looked at, whatever was seen.
+    /// Looked at, or for a tray that was elsewhere; whatever was seen.
     looked_at: u64,
     /// Given up because the tray's pose was not known.
     without_pose: u64,
@@ -225,7 +225,9 @@ impl VisionSelector {
         let header = frame.header();
         let looked = self.sight.look(frame);
         let count = match &looked {
-            Ok(_) | Err(LookError::Image(ImageFault::PlateauOutOfView)) => &mut self.frames.looked_at,
+            Ok(_) | Err(LookError::UnderWay | LookError::Image(ImageFault::PlateauOutOfView)) => {
+                &mut self.frames.looked_at
+            }
             Err(LookError::Pose(_)) => &mut self.frames.without_pose,
             Err(_) => &mut self.frames.without_sense,
         };

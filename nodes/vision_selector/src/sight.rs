@@ -66,6 +66,8 @@ pub(crate) enum LookError {
     Pose(#[from] NoPose),
     #[error("the image cannot be decoded: {0}")]
     Decode(String),
+    #[error("the tray is under way")]
+    UnderWay,
     #[error(transparent)]
     Image(#[from] ImageFault),
     #[error(transparent)]
@@ -83,9 +85,9 @@ impl LookError {
         last.or((!came_before).then_some(&Self::NeverSeen))
     }
 
-    /// Whether something is wrong, and the tray is not just under way.
+    /// Whether something is wrong, and the tray is not just elsewhere.
     pub(crate) fn is_wrong(&self) -> bool {
-        !matches!(self, Self::Image(ImageFault::PlateauOutOfView))
+        !matches!(self, Self::UnderWay | Self::Image(ImageFault::PlateauOutOfView))
     }
 
     /// Whether it is the same thing that is wrong, whatever its numbers.
@@ -200,7 +202,19 @@ impl Sight {
         let stamp_ns = frame.stamp_ns();
         let platen_from_tray = self.poses.at(stamp_ns)?;
         let stamp_s = Duration::from_nanos(stamp_ns).as_secs_f64();
-        self.selector.glance(&platen_from_tray)?;
+        // Nobody picks from a tray that is on its way, and its parts lie as they lay.
+        let seen = if self.poses.is_under_way(stamp_ns) {
+            Err(LookError::UnderWay)
+        } else {
+            self.selector.glance(&platen_from_tray).map_err(LookError::from)
+        };
+        if let Err(elsewhere) = seen {
+            if !self.poses.shaken_since(self.followed_ns) {
+                self.selector.rest(stamp_s);
+                self.followed_ns = stamp_ns;
+            }
+            return Err(elsewhere);
+        }
         let camera = &self.config.camera;
         let image = frame.grey().map_err(|error| LookError::Decode(error.to_string()))?;
         let image = binned(image, (camera.width_px(), camera.height_px()));

@@ -97,6 +97,31 @@ fn an_image_that_cannot_show_the_plateau_is_not_even_decoded() {
 }
 
 #[test]
+fn under_way_nothing_is_looked_at_and_parts_are_known_again_afterwards() {
+    let (mut sight, good) = sight();
+    let before = sight.look(&message(7, &good)).unwrap().tracked[0];
+    let later_ns = |ms: u64| 8 * FRAME_NS + ms * 1_000_000;
+    for ms in (10..=2000).step_by(10) {
+        let mut going = standing(later_ns(ms));
+        going.velocity.x = 0.3;
+        sight.poses.note(going);
+    }
+    for ms in [500, 1000, 1500, 1990] {
+        let fault = sight.look(&message_at(later_ns(ms), b"not an image")).map(|picture| picture.tracked).unwrap_err();
+        // What is further back than odometry is remembered tells nothing.
+        let expected = if ms < 1500 { LookError::Pose(NoPose::TooOld) } else { LookError::UnderWay };
+        assert_eq!(fault, expected, "{ms} ms");
+        assert_eq!(fault.is_wrong(), ms < 1500);
+    }
+    sight.poses.note(standing(later_ns(2010)));
+    let mut shaken = standing(later_ns(2020));
+    shaken.velocity.z = 0.3;
+    sight.poses.note(shaken);
+    let again = sight.look(&message_at(later_ns(2020), &good)).unwrap().tracked[0];
+    assert_eq!((again.id, again.frames_seen), (before.id, before.frames_seen + 1));
+}
+
+#[test]
 fn an_image_of_another_camera_is_a_fault_with_both_sizes() {
     let (mut sight, _) = sight();
     let small = codec::encode(&GrayImage::new(320, 240), codec::DEFAULT_QUALITY, codec::DEFAULT_BYTES_MAX).unwrap();

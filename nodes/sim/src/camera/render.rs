@@ -13,7 +13,7 @@ use feeder_model::range::OutOfRange;
 
 /// Motion of the tray's picture during the exposure up to which the tray is drawn sharp, px, and the most pictures that are
 /// averaged where it moves further.
-const SHARP_PX: f64 = 0.5;
+const SHARP_PX: f64 = 1.0;
 const SUB_SHOTS_MAX: f64 = 8.0;
 
 /// Renders mono pictures of the tray and its parts. The same inputs give the same bytes.
