@@ -5,8 +5,10 @@ use std::sync::LazyLock;
 
 use feeder_model::geometry::ShapeSpec;
 use feeder_model::part::{PartSpec, PartType};
+use feeder_runtime::cdr;
 use feeder_scenario::Scenario;
 use feeder_vision::{PartModel, Selector};
+use minifactory_msgs::{Message, MessageVisitor, visit_messages};
 use ros2_bags::recover::recover;
 use ros2_bags::{Bag, WriteSettings};
 
@@ -17,6 +19,7 @@ pub type Target = fn(&[u8]);
 const TARGETS: &[(&str, Target)] = &[
     ("bag", bag),
     ("bag_metadata", bag_metadata),
+    ("cdr", any_message),
     ("labels", feeder::fuzz_labels),
     ("part", part),
     ("part_model", part_model),
@@ -55,6 +58,34 @@ fn bag(input: &[u8]) {
             let bag = Bag::open(&again).expect("a recovered bag can be opened");
             assert!(bag.problems().is_empty(), "{:?}", bag.problems());
         }
+    }
+}
+
+/// A message of any type in either byte order: the first two bytes say which. Reading and writing every type takes long to
+/// compile, so it is here and not in the runtime.
+fn any_message(input: &[u8]) {
+    struct One<'a> {
+        skip: usize,
+        body: &'a [u8],
+        little_endian: bool,
+    }
+
+    impl MessageVisitor for One<'_> {
+        fn visit<M: Message>(&mut self) {
+            if self.skip == 0
+                && let Ok(message) = cdr::decode::<M>(self.body, self.little_endian)
+            {
+                // What was read can be written, and is read again from that.
+                #[expect(clippy::expect_used, reason = "this is what fuzzers are to find")]
+                let body = cdr::encode(&message).expect("every message has a CDR form");
+                assert!(cdr::decode::<M>(&body, true).is_ok(), "{} cannot be read again", M::INFO.ros_type());
+            }
+            self.skip = self.skip.wrapping_sub(1);
+        }
+    }
+
+    if let [which, order, body @ ..] = input {
+        visit_messages(&mut One { skip: usize::from(*which), body, little_endian: order & 1 == 1 });
     }
 }
 

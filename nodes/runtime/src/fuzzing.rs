@@ -4,7 +4,7 @@
 
 use std::io;
 
-use minifactory_msgs::{Message, MessageVisitor, msg::LoopBundle, visit_messages};
+use minifactory_msgs::msg::LoopBundle;
 
 use crate::args::{NameKind, RosArgs};
 use crate::dds::{self, NodeName};
@@ -18,48 +18,10 @@ pub type Target = fn(&[u8]);
 pub const TARGETS: &[(&str, Target)] = &[
     ("announcement", dds::fuzz_announcement),
     ("bundle", bundle),
-    ("cdr", cdr),
     ("params_file", params_file),
     ("ros_args", ros_args),
     ("wire", dds::fuzz_wire),
 ];
-
-/// The target of this name.
-///
-/// # Panics
-/// When there is none.
-#[must_use]
-pub fn target(name: &str) -> Target {
-    let known = TARGETS.iter().find(|(known, _)| *known == name);
-    known.map_or_else(|| panic!("there is no target {name}"), |(_, target)| *target)
-}
-
-/// A message of any type in either byte order: the first two bytes say which.
-fn cdr(input: &[u8]) {
-    struct One<'a> {
-        skip: usize,
-        body: &'a [u8],
-        little_endian: bool,
-    }
-
-    impl MessageVisitor for One<'_> {
-        fn visit<M: Message>(&mut self) {
-            if self.skip == 0
-                && let Ok(message) = cdr::decode::<M>(self.body, self.little_endian)
-            {
-                // What was read can be written, and is read again from that.
-                #[expect(clippy::expect_used, reason = "this is what fuzzers are to find")]
-                let body = cdr::encode(&message).expect("every message has a CDR form");
-                assert!(cdr::decode::<M>(&body, true).is_ok(), "{} cannot be read again", M::INFO.ros_type());
-            }
-            self.skip = self.skip.wrapping_sub(1);
-        }
-    }
-
-    if let [which, order, body @ ..] = input {
-        visit_messages(&mut One { skip: usize::from(*which), body, little_endian: order & 1 == 1 });
-    }
-}
 
 /// A bundle of the loop, as the node `b` gets it from `a`.
 fn bundle(input: &[u8]) {
