@@ -8,5 +8,6 @@ mod moves;
 mod rules;
 mod sequences;
 mod shared_platen;
+mod stopping;
 mod ways;
 mod world;

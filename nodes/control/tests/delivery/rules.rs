@@ -1,6 +1,5 @@
 //! The sequencer's rules one by one, with reports made by hand: what it must not act on, and when.
 
-use std::f64::consts::TAU;
 use std::time::Duration;
 
 use feeder_control::courier::CourierLimits;
@@ -65,82 +64,6 @@ fn a_purge_does_not_take_a_plateau_on_which_nothing_is_recognised_for_an_empty_o
         hand.step(s).contains(&Output::Purged(Ok(())))
     };
     assert!((1..=10).any(|frame| purged(5.0 + 0.1 * f64::from(frame))));
-}
-
-#[test]
-fn feeding_lasts_its_shortest_time_though_a_part_lies_right() {
-    let mut hand = ByHand::new(config(), 0.5e-3, None);
-    hand.step(1.06);
-    // As many empty looks as there may be: feeding begins with the last.
-    for s in [1.10, 1.20] {
-        hand.see(s, &[]);
-        hand.step(s);
-    }
-    let mut stopped_s = None;
-    for frame in 1..=10 {
-        let s = 1.20 + 0.1 * f64::from(frame);
-        hand.see(s, &[PART_M]);
-        if hand.step(s).contains(&Output::Feed(false)) {
-            stopped_s = stopped_s.or(Some(s));
-        }
-    }
-    assert!(stopped_s.is_some_and(|s| (s - 1.20 - config().feed_s_min).abs() < 0.11), "{stopped_s:?}");
-    assert!(stopped_s.is_some_and(|s| s > 1.20 + config().feed_s_min - 1e-9), "{stopped_s:?}");
-}
-
-/// Feeding begins at 1.2 s for `open` requests, and each picture from then on shows so many parts that stay where they are;
-/// when it stops, s.
-fn stops_s(open: usize, parts: impl Fn(f64) -> usize) -> Option<f64> {
-    let mut hand = ByHand::new(config(), 0.5e-3, None);
-    for _ in 1..open {
-        hand.sequencer.request(at(1.0), asking("right", 0.5e-3)).unwrap();
-    }
-    hand.step(1.06);
-    for s in [1.10, 1.20] {
-        hand.see(s, &[]);
-        hand.step(s);
-    }
-    let places_m: Vec<[f64; 2]> = (0..5).map(|index| [PART_M[0] - 0.01 * f64::from(index), PART_M[1]]).collect();
-    (1..200).map(|frame| 1.20 + 0.1 * f64::from(frame)).find(|s| {
-        hand.see(*s, &places_m[..parts(*s)]);
-        hand.step(*s).contains(&Output::Feed(false))
-    })
-}
-
-#[test]
-fn feeding_goes_on_until_a_trip_has_a_part_for_every_request() {
-    let come = |s: f64| usize::from(s > 2.35) + usize::from(s > 3.35) + usize::from(s > 4.35);
-    for (open, expected_s) in [(1, 2.4), (2, 3.4), (3, 4.4)] {
-        assert!(stops_s(open, come).is_some_and(|s| (s - expected_s).abs() < 0.11), "{open} {:?}", stops_s(open, come));
-    }
-}
-
-#[test]
-fn a_trip_waits_for_a_while_only_for_a_part_that_does_not_come() {
-    // One part in two seconds is what is expected before anything was seen.
-    let lone = stops_s(2, |s| usize::from(s > 2.35));
-    assert!(lone.is_some_and(|s| (5.0..9.0).contains(&s)), "{lone:?}");
-}
-
-#[test]
-fn for_a_part_that_would_go_over_the_drop_off_feeding_does_not_stop_however_often_its_picture_is_looked_at() {
-    let mut hand = ByHand::new(config(), 0.5e-3, None);
-    hand.step(1.06);
-    for s in [1.10, 1.20] {
-        hand.see(s, &[]);
-        hand.step(s);
-    }
-    let (radius_m, rate_rad_s) = (0.07_f64, 0.2);
-    for frame in 1..=7 {
-        let s = 1.20 + 0.1 * f64::from(frame);
-        // From the shortest feeding on, it would come to the edge before the tray is at rest.
-        let left_rad = rate_rad_s * (1.20 + config().feed_s_min + 0.9 * config().stop_drift_s - s);
-        let angle_rad = TAU - (washer(1, Vector2::zeros()).radius_m / radius_m).asin() - left_rad;
-        hand.see(s, &[[radius_m * angle_rad.cos(), radius_m * angle_rad.sin()]]);
-        for later_s in [0.0, 0.01, 0.02] {
-            assert!(!hand.step(s + later_s).contains(&Output::Feed(false)), "{s}");
-        }
-    }
 }
 
 #[test]
