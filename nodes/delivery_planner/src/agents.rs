@@ -174,7 +174,7 @@ impl DeliveryPlanner {
         if outcome.is_ok() {
             self.recipe = recipe;
             let recipe = &self.recipes[recipe];
-            self.sequencer.expect_feed(recipe.plateau_feed.clone(), recipe.climb_per_s);
+            self.sequencer.expect_feed(recipe.plateau_feed.clone(), recipe.period_s, recipe.climb_per_s);
             self.fact.recipe.clone_from(&recipe.name);
             self.said_fact = false;
         }

@@ -154,7 +154,7 @@ impl FeederNode for DeliveryPlanner {
         let mut sequencer = DeliverySequencer::new(config.delivery(), config.tray.geometry, config.limits, config.load)
             .map_err(NodeError::new)?;
         if let Some(recipe) = config.recipes.first() {
-            sequencer.expect_feed(recipe.plateau_feed.clone(), recipe.climb_per_s);
+            sequencer.expect_feed(recipe.plateau_feed.clone(), recipe.period_s, recipe.climb_per_s);
         }
         sequencer.carry(config.parts.left(0));
         Ok(Self {

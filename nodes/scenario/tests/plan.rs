@@ -222,6 +222,7 @@ fn the_planner_knows_how_fast_the_plateau_should_feed() {
         let file = with_part(folder.path(), 0.2, believed);
         let (_, planner) = load_node::<DeliveryPlannerConfig>(Some(&file), None).unwrap();
         let feed = &planner.recipes[0].plateau_feed;
+        assert!((planner.recipes[0].period_s - 0.1).abs() < 1e-12);
         assert!(feed.is_sorted_by(|inner, outer| inner.radius_m < outer.radius_m) && feed.len() > 10, "{feed:?}");
         let at = |rate: &&FeedRate| (rate.radius_m - 0.085).abs() < 1e-6;
         feed.iter().find(at).unwrap().rate_rad_s

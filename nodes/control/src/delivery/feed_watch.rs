@@ -29,6 +29,8 @@ pub struct FeedRate {
 pub(super) struct FeedWatch {
     /// By growing radius; empty: not known, and nothing is compared.
     expected: Vec<FeedRate>,
+    /// Period of the waveform that gives these rates, s; 0: not known.
+    period_s: f64,
     deviation_max: f64,
     /// Where each part was when it was first seen in the stretch that is measured now.
     begun: BTreeMap<u64, (Stamp, f64)>,
@@ -42,8 +44,10 @@ impl FeedWatch {
     /// Speeds that are judged together, and the fewest that are judged.
     const RATIOS: usize = 40;
     const RATIOS_MIN: usize = 12;
-    /// A part is followed for so long for one speed, s: the longer, the less the camera's noise counts.
+    /// A part is followed at least so long for one speed, s: the longer, the less the camera's noise counts.
     const STRETCH_S: f64 = 0.3;
+    /// And for a whole number of periods, up to this share of the time: within a period parts go by jerks.
+    const PERIOD_MISS_MAX: f64 = 0.03;
     /// Free gap to the next part below which parts may push each other, m.
     const ROOM_M: f64 = 1e-3;
     /// Parts that should turn by less in a stretch tell nothing, rad.
@@ -54,12 +58,13 @@ impl FeedWatch {
     const CHANGE: f64 = 0.1;
 
     pub(super) fn new(deviation_max: f64) -> Self {
-        Self { expected: Vec::new(), deviation_max, begun: BTreeMap::new(), ratios: VecDeque::new(), off: None }
+        let (begun, ratios) = (BTreeMap::new(), VecDeque::new());
+        Self { expected: Vec::new(), period_s: 0.0, deviation_max, begun, ratios, off: None }
     }
 
-    /// Takes what is to be expected from now on, by growing radius.
-    pub(super) fn expect(&mut self, expected: Vec<FeedRate>) {
-        *self = Self { expected, ..Self::new(self.deviation_max) };
+    /// Takes what is to be expected from now on, by growing radius, of a waveform of this period.
+    pub(super) fn expect(&mut self, expected: Vec<FeedRate>, period_s: f64) {
+        *self = Self { expected, period_s, ..Self::new(self.deviation_max) };
     }
 
     /// The vibration ends, or what is seen was seen while it did not run steadily.
@@ -75,7 +80,7 @@ impl FeedWatch {
             let mut from = (frame.stamp, now_rad);
             if let Some(&(since, from_rad)) = self.begun.get(&candidate.id) {
                 let elapsed_s = frame.stamp.saturating_sub(since).as_secs_f64();
-                if elapsed_s < Self::STRETCH_S {
+                if !self.is_stretch(elapsed_s) {
                     from = (since, from_rad);
                 } else if let Some(expected_rad_s) = self.expected_rad_s(candidate.position_in_tray_m.norm()) {
                     let expected_rad = expected_rad_s * elapsed_s;
@@ -90,6 +95,13 @@ impl FeedWatch {
         let surplus = self.ratios.len().saturating_sub(Self::RATIOS);
         self.ratios.drain(..surplus);
         self.judge();
+    }
+
+    /// Whether a part that was followed for so long shows its mean speed.
+    fn is_stretch(&self, elapsed_s: f64) -> bool {
+        let periods = if self.period_s > 0.0 { elapsed_s / self.period_s } else { 0.0 };
+        let miss_s = (periods - periods.round()).abs() * self.period_s;
+        elapsed_s >= Self::STRETCH_S && miss_s <= Self::PERIOD_MISS_MAX * elapsed_s
     }
 
     /// Speed over that expected, if it is off by more than allowed.
@@ -144,7 +156,7 @@ mod tests {
 
     fn watched(rate_rad_s: f64, frames: u32) -> FeedWatch {
         let mut watch = FeedWatch::new(0.15);
-        watch.expect(EXPECTED.to_vec());
+        watch.expect(EXPECTED.to_vec(), 0.1);
         watch_on(&mut watch, rate_rad_s, frames);
         watch
     }
@@ -193,10 +205,39 @@ mod tests {
         assert_eq!(watch.off(), None);
     }
 
+    /// Whether a word comes of parts that go by jerks, each in the first third of a period, at this share of the speed that the
+    /// waveform should give them on the whole, in pictures so far apart; the phase in which they were taken changes with each
+    /// of several feedings.
+    fn told_of_jerks(period_s: f64, frame_ms: u64, ratio: f64) -> Option<f64> {
+        let mut watch = FeedWatch::new(0.15);
+        watch.expect(EXPECTED.to_vec(), period_s);
+        (0..30_u32).find_map(|feeding| {
+            watch.pause();
+            let phase_s = f64::from(feeding) * 0.013;
+            (0..3000 / frame_ms).find_map(|step| {
+                let periods = (phase_s + (step * frame_ms) as f64 * 1e-3) / period_s;
+                let jerked = periods.floor() + (3.0 * (periods - periods.floor())).min(1.0);
+                watch.see(&frame(step * frame_ms, ratio * 0.25 * period_s * jerked, 0));
+                watch.off()
+            })
+        })
+    }
+
+    #[test]
+    fn within_a_period_parts_may_go_by_jerks() {
+        for (period_s, frame_ms) in [(0.033, 100), (0.1, 100), (0.14, 100), (0.17, 50), (0.17, 100), (0.25, 40)] {
+            assert_eq!(told_of_jerks(period_s, frame_ms, 1.0), None, "{period_s} {frame_ms}");
+            for ratio in [0.7, 1.3] {
+                let told = told_of_jerks(period_s, frame_ms, ratio);
+                assert!(told.is_some_and(|told| (told - ratio).abs() < 0.1), "{period_s} {frame_ms} {told:?}");
+            }
+        }
+    }
+
     #[test]
     fn a_few_parts_that_stand_still_do_not_count_against_many_that_move() {
         let mut watch = FeedWatch::new(0.15);
-        watch.expect(EXPECTED.to_vec());
+        watch.expect(EXPECTED.to_vec(), 0.1);
         for step in 0..60_u32 {
             let mut seen = frame(u64::from(step) * 100, 0.25 * 0.1 * f64::from(step), 0);
             seen.candidates.push(candidate(3, 0.0, -0.07));

@@ -337,7 +337,7 @@ fn an_empty_plateau_is_one_of_which_several_pictures_show_nothing() {
 #[test]
 fn parts_that_move_otherwise_than_the_waveform_should_move_them_are_told_once() {
     let mut hand = ByHand::new(config(), 0.5e-3, None);
-    hand.sequencer.expect_feed(vec![FeedRate { radius_m: 0.07, rate_rad_s: 0.2 }], None);
+    hand.sequencer.expect_feed(vec![FeedRate { radius_m: 0.07, rate_rad_s: 0.2 }], 0.1, None);
     hand.step(1.06);
     for s in [1.10, 1.20] {
         hand.see(s, &[]);

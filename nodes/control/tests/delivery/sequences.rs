@@ -263,7 +263,7 @@ fn starvation_is_no_fault_but_a_warning_and_the_timeout_a_failure() {
 fn where_parts_are_and_do_not_come_nobody_is_told_to_load_some() {
     let mut world = World::new(Faults::default(), config());
     world.barren = true;
-    world.sequencer.expect_feed(Vec::new(), Some(0.06));
+    world.sequencer.expect_feed(Vec::new(), 0.0, Some(0.06));
     world.sequencer.carry(20);
     world.request("right", None);
     world.run(35);
@@ -276,7 +276,7 @@ fn where_parts_are_and_do_not_come_nobody_is_told_to_load_some() {
     // Without any the waveform cannot bring any.
     let mut empty = World::new(Faults::default(), config());
     empty.barren = true;
-    empty.sequencer.expect_feed(Vec::new(), Some(0.06));
+    empty.sequencer.expect_feed(Vec::new(), 0.0, Some(0.06));
     empty.request("right", None);
     empty.run(35);
     assert!(empty.sequencer.is_starved() && empty.sequencer.feed_trouble().is_none());
@@ -288,7 +288,7 @@ fn a_slow_waveform_is_given_the_time_to_bring_the_parts_that_are_there_but_not_f
     for (parts, starved_s, is_explained) in [(20, 30, true), (2, 120, false)] {
         let mut world = World::new(Faults::default(), config());
         world.barren = true;
-        world.sequencer.expect_feed(Vec::new(), Some(0.01));
+        world.sequencer.expect_feed(Vec::new(), 0.0, Some(0.01));
         world.sequencer.carry(parts);
         world.request("right", None);
         world.run(starved_s - 2);

@@ -283,6 +283,9 @@ pub struct PlannedRecipe {
     /// How fast the vibration should feed parts on the plateau, by growing radius; nothing: not known.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub plateau_feed: Vec<FeedRate>,
+    /// Its period, s; 0: not known.
+    #[serde(default)]
+    pub period_s: f64,
     /// Share of the parts on the ramp that the vibration should bring up each second, 1/s; nothing: not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub climb_per_s: Option<f64>,

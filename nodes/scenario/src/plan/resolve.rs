@@ -150,6 +150,7 @@ impl Scenario {
                 pose_classes: recipe.pose_classes,
                 waveform,
                 plateau_feed,
+                period_s: runs.period_s(),
                 climb_per_s,
             })
         });

@@ -264,10 +264,10 @@ impl DeliverySequencer {
         refused.or_else(|| self.courier_warning.clone()).or_else(still).or_else(seen).or_else(few)
     }
 
-    /// Takes how fast the waveform in force should feed parts on the plateau, by growing radius, and which share of the parts
-    /// on the ramp it should bring up each second, 1/s; nothing: not known.
-    pub fn expect_feed(&mut self, rates: Vec<FeedRate>, climb_per_s: Option<f64>) {
-        self.feed_watch.expect(rates);
+    /// Takes how fast the waveform in force should feed parts on the plateau, by growing radius, what its period is (0: not
+    /// known), and which share of the parts on the ramp it should bring up each second, 1/s; nothing: not known.
+    pub fn expect_feed(&mut self, rates: Vec<FeedRate>, period_s: f64, climb_per_s: Option<f64>) {
+        self.feed_watch.expect(rates, period_s);
         self.arrival_watch.expect(climb_per_s);
     }
 
