@@ -1,5 +1,7 @@
 //! Parts as a frame shows them.
 
+use std::f64::consts::TAU;
+
 use nalgebra::Point2;
 
 use super::SelectorConfig;
@@ -137,6 +139,7 @@ fn health(
     };
     let explained = if recognised.is_empty() { 0 } else { recognised_px + own_px };
     FrameHealth {
+        in_view_ratio: in_view_ratio(detector),
         covered_ratio: covered_px as f64 / detector.plateau_px().max(1) as f64,
         explained_ratio: if covered_px == 0 { 1.0 } else { explained as f64 / covered_px as f64 },
         plateau_ratio,
@@ -147,6 +150,15 @@ fn health(
         size_excess_ratio: middle(SCALE, SCALE_SPREAD),
         recognised: recognised.len(),
     }
+}
+
+/// Share of the plateau that is in the picture, by the scale in its middle.
+fn in_view_ratio(detector: &Detector) -> f64 {
+    let tray = &detector.tray.geometry;
+    let m_per_px = detector.camera.m_per_px(detector.tray.plateau_height_m());
+    let seen_m2 = detector.plateau_px() as f64 * m_per_px.powi(2);
+    let area_m2 = 0.5 * (TAU - tray.ramp_angle_rad) * (tray.outer_radius_m.powi(2) - tray.inner_radius_m.powi(2));
+    (seen_m2 / area_m2).min(1.0)
 }
 
 /// Whether a part looks as taught, in size too, and like nothing else.

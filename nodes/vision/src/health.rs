@@ -7,6 +7,9 @@ use std::fmt;
 
 /// Share of the plateau that must be covered before anything is concluded from what is not recognised.
 const COVERED_MIN: f64 = 0.004;
+/// A frame that shows less of the plateau than this tells nothing of what is not recognised: many of the few parts in it are cut
+/// by the picture's edge. So it is while the tray stands under a station beside the camera's field.
+const IN_VIEW_MIN: f64 = 0.5;
 /// Less of what lies there being explained than this is called blindness.
 const EXPLAINED_MIN: f64 = 0.3;
 /// More of the plateau than this quite black or quite white is clipped: sensors saturate in highlights, not on floors.
@@ -30,7 +33,9 @@ const FRAMES_IN_A_ROW: u32 = 5;
 /// What a frame is worth.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameHealth {
-    /// Share of the plateau on which something lies, 0 to 1.
+    /// Share of the plateau that is in the picture, 0 to 1.
+    pub in_view_ratio: f64,
+    /// Share of that on which something lies, 0 to 1.
     pub covered_ratio: f64,
     /// Share of that which recognised parts, with their shadows, account for, 0 to 1; 1 where nothing lies.
     pub explained_ratio: f64,
@@ -84,7 +89,8 @@ impl FrameHealth {
     pub fn causes(&self) -> Vec<HealthCause> {
         let beyond = |value: Option<f64>, most: f64| value.is_some_and(|value| value > most);
         let size_change = self.size_excess_ratio.map(f64::abs);
-        let blind = self.covered_ratio > COVERED_MIN && self.explained_ratio < EXPLAINED_MIN;
+        let unexplained = self.covered_ratio > COVERED_MIN && self.explained_ratio < EXPLAINED_MIN;
+        let blind = self.shows(HealthCause::NothingRecognised) && unexplained;
         [
             (HealthCause::NothingRecognised, blind),
             (HealthCause::Clipped, self.clipped_ratio > CLIPPED_MAX),
@@ -106,7 +112,11 @@ impl FrameHealth {
 
     /// Whether the frame can tell that a cause holds, or that it does not.
     fn shows(&self, cause: HealthCause) -> bool {
-        cause != HealthCause::LightDiffers || self.light_change_ratio.is_some()
+        match cause {
+            HealthCause::NothingRecognised => self.in_view_ratio >= IN_VIEW_MIN,
+            HealthCause::LightDiffers => self.light_change_ratio.is_some(),
+            HealthCause::Clipped | HealthCause::Blurred | HealthCause::SizeDiffers => true,
+        }
     }
 
     /// Whether the selector is blind: then an empty list of parts does not mean an empty plateau.
@@ -150,6 +160,7 @@ mod tests {
 
     fn sound() -> FrameHealth {
         FrameHealth {
+            in_view_ratio: 0.9,
             covered_ratio: 0.1,
             explained_ratio: 0.9,
             plateau_ratio: 1.0,
@@ -196,6 +207,23 @@ mod tests {
         assert_eq!(last.unwrap(), [HealthCause::NothingRecognised]);
         assert_eq!(told(&mut watch, &sound()), [HealthCause::NothingRecognised]);
         assert_eq!((0..4).map(|_| told(&mut watch, &sound())).last().unwrap(), []);
+    }
+
+    #[test]
+    fn parts_cut_by_the_edge_of_a_picture_that_shows_little_of_the_plateau_are_no_blindness() {
+        let blind = FrameHealth { explained_ratio: 0.0, ..sound() };
+        let aside = FrameHealth { in_view_ratio: 0.3, ..blind.clone() };
+        assert_eq!(aside.causes(), []);
+        let mut watch = HealthWatch::default();
+        let mut told = |health: &FrameHealth, frames: u32| {
+            (0..frames).for_each(|_| watch.note(health));
+            watch.causes().collect::<Vec<_>>()
+        };
+        assert_eq!(told(&aside, 20), []);
+        // Nor does such a picture end one.
+        assert_eq!(told(&blind, FRAMES_IN_A_ROW), [HealthCause::NothingRecognised]);
+        assert_eq!(told(&aside, 20), [HealthCause::NothingRecognised]);
+        assert_eq!(told(&sound(), FRAMES_IN_A_ROW), []);
     }
 
     #[test]

@@ -264,6 +264,30 @@ fn the_shaded_edge_of_a_thing_is_part_of_it() {
 }
 
 #[test]
+fn how_much_of_the_plateau_is_in_the_picture_is_told() {
+    let scene = scene(&GROMMET, 2.0);
+    let mut renderer = Renderer::new(&scene).unwrap();
+    let steps = || (-45..=45).map(|step| 0.002 * f64::from(step));
+    let places = steps().flat_map(|x_m| steps().map(move |y_m| Point2::new(x_m, y_m)));
+    let plateau: Vec<_> = places.filter(|at| at.y < 0.0 && (0.03..0.09).contains(&at.coords.norm())).collect();
+    for beside_m in [0.0, 0.04, 0.08, 0.12] {
+        let pose = Isometry2::new(Vector2::new(0.0, -beside_m), 0.0) * over_camera();
+        let image = shoot(&mut renderer, &pose, &[], &mut Pcg64Mcg::seed_from_u64(5));
+        let mut selector = selector();
+        selector.detect(&image, &pose).unwrap();
+        let view = view::View { camera: &scene.camera, tray: &scene.tray, platen_from_tray: pose };
+        let in_view = |at: &&Point2<f64>| {
+            let pixel = view.pixel(**at, scene.tray.plateau_height_m()).unwrap();
+            (0.0..480.0).contains(&pixel.y)
+        };
+        let share = plateau.iter().filter(in_view).count() as f64 / plateau.len() as f64;
+        let told = selector.health().in_view_ratio;
+        // Hub and outer wall hide some of it.
+        assert!((told - share).abs() < 0.1, "{beside_m} m: {told} {share}");
+    }
+}
+
+#[test]
 fn light_that_falls_otherwise_is_told_and_looked_at_twice() {
     let parts: Vec<LaidPart> = (0..7_u32).map(|i| at(0.065, 3.5 + 0.4 * f64::from(i), (i % 2) as usize)).collect();
     let mut selector = selector();
