@@ -1,9 +1,11 @@
 //! `feeder-lab bulk`: parts in bulk on a tray that follows its waveform perfectly, without nodes, camera and delivery: how many
-//! good parts a minute pass the camera, what becomes of the paper's claims, and how fast the simulation runs.
+//! good parts a minute pass the camera, what becomes of the paper's claims, how fast the simulation runs, and whether small
+//! motions part what touches.
 
 mod claims;
 mod load;
 mod rapier;
+mod shake;
 mod speed;
 
 use std::path::PathBuf;
@@ -34,9 +36,11 @@ enum Question {
     Claims,
     /// Simulated seconds per wall second
     Speed,
+    /// Whether small motions of the tray part parts that touch, beside feeding on
+    Shake,
 }
 
-/// Run parts in bulk on the paper's tray without the nodes, and report throughput, claims or speed
+/// Run parts in bulk on the paper's tray without the nodes, and report throughput, claims, speed or what shaking parts
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct Args {
     /// What to find out
@@ -53,6 +57,9 @@ pub(crate) struct Args {
     /// Numbers of parts (speed only)
     #[arg(long, value_delimiter = ',', default_value = "10,100,1000")]
     count: Vec<usize>,
+    /// Clusters of each size, and states at most in which nothing can be picked (shake only)
+    #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    tries: u32,
     /// Also run the same parts in the rigid-body engine rapier3d (speed only)
     #[arg(long)]
     rapier: bool,
@@ -62,7 +69,7 @@ pub(crate) struct Args {
     /// Seed of loading and landing
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Folder for the chart (SVG and CSV); made if need be
+    /// Folder for charts and tables (SVG and CSV); made if need be
     #[arg(long)]
     out: Option<PathBuf>,
 }
@@ -80,6 +87,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         Question::Load => load::run(args, &part, duration_s),
         Question::Claims => claims::run(args, &part, duration_s),
         Question::Speed => speed::run(args, &part, duration_s),
+        Question::Shake => shake::run(args, &part, duration_s),
     }
 }
 
