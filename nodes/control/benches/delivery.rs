@@ -37,16 +37,26 @@ fn moves(criterion: &mut Criterion) {
 }
 
 fn trips(criterion: &mut Criterion) {
+    // What is usual, and the most there can be: manipulators keep 20 requests open, and 60 parts fill the plateau.
+    for (requests, parts) in [(4, 5), (20, 60)] {
+        trip(criterion, requests, parts);
+    }
+}
+
+fn trip(criterion: &mut Criterion, requests: u32, parts: u32) {
     let (config, planner) = (DeliveryConfig::default(), planner());
-    let candidates = (0..5_u32).map(|index| OfferedPart {
-        id: index.into(),
-        position_in_tray_m: Vector2::new(0.06 - 0.025 * f64::from(index), -0.05),
-        yaw_in_tray_rad: 0.0,
-        part_class: "washer".into(),
-        pose_class: Some("face_up".into()),
-        radius_m: 0.0025,
-        part_gap_m: 0.01,
-        refusals: Refusals::default(),
+    let candidates = (0..parts).map(|index| {
+        let (radius_m, angle_rad) = (0.04 + 0.01 * f64::from(index % 5), 4.0 + 0.15 * f64::from(index / 5));
+        OfferedPart {
+            id: index.into(),
+            position_in_tray_m: Vector2::new(angle_rad.cos(), angle_rad.sin()) * radius_m,
+            yaw_in_tray_rad: 0.0,
+            part_class: "washer".into(),
+            pose_class: Some("face_up".into()),
+            radius_m: 0.0025,
+            part_gap_m: 0.01,
+            refusals: Refusals::default(),
+        }
     });
     let frame = CandidateFrame { stamp: Duration::ZERO, candidates: candidates.collect(), is_blind: false };
     let request = DeliveryRequest {
@@ -58,12 +68,12 @@ fn trips(criterion: &mut Criterion) {
         timeout: None,
     };
     let places = [(0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2)];
-    let open: Vec<Open> = (1..)
-        .zip(places)
+    let open: Vec<Open> = (1..=requests.into())
+        .zip(places.into_iter().cycle())
         .map(|(id, (x, y))| Open { id: DeliveryId(id), request: &request, station_m: Vector2::new(x, y) })
         .collect();
     let overheads = Overheads { stop_s: 0.6, hand_over_s: 0.7 };
-    criterion.bench_function("best trip of 4 requests and 5 parts", |b| {
+    criterion.bench_function(&format!("best trip of {requests} requests and {parts} parts"), |b| {
         b.iter(|| best_tour(black_box(&frame), &open, &config, &planner, &overheads));
     });
 }
