@@ -44,3 +44,4 @@ pub use rejection::Rejection;
 pub use report::{Commander, DriverEvent, DriverStatus, Fault, GoalHandle, GoalOutcome, StepOutput, VibrationPhase};
 pub use response::PlantModel;
 pub use safety::SafetyParameters;
+pub use smoothstep::smoothstep;

@@ -9,33 +9,11 @@ use proptest::prelude::*;
 use crate::by_hand::{ByHand, PART_M, at};
 use crate::world::{asking, config, washer};
 
-#[test]
-fn feeding_lasts_its_shortest_time_though_a_part_lies_right() {
-    let mut hand = ByHand::new(config(), 0.5e-3, None);
-    hand.step(1.06);
-    // As many empty looks as there may be: feeding begins with the last.
-    for s in [1.10, 1.20] {
-        hand.see(s, &[]);
-        hand.step(s);
-    }
-    let mut stopped_s = None;
-    for frame in 1..=10 {
-        let s = 1.20 + 0.1 * f64::from(frame);
-        hand.see(s, &[PART_M]);
-        if hand.step(s).contains(&Output::Feed(false)) {
-            stopped_s = stopped_s.or(Some(s));
-        }
-    }
-    assert!(stopped_s.is_some_and(|s| (s - 1.20 - config().feed_s_min).abs() < 0.11), "{stopped_s:?}");
-    assert!(stopped_s.is_some_and(|s| s > 1.20 + config().feed_s_min - 1e-9), "{stopped_s:?}");
-}
-
 /// Feeding begins now: as many looks as there may be have shown nothing, s.
 const BEGUN_S: f64 = 1.20;
 
-/// Feeding begins for requests of `right` and of these stations, and the pictures from then on show parts at these places; how
-/// long it lasts, s.
-fn feeds_s(config: DeliveryConfig, others: &[&str], places_m: impl Fn(f64) -> Vec<[f64; 2]>) -> Option<f64> {
+/// A planner that has just begun to feed for requests of `right` and of these stations.
+fn feeding(config: DeliveryConfig, others: &[&str]) -> ByHand {
     let mut hand = ByHand::new(config, 0.5e-3, None);
     for station in others {
         hand.sequencer.request(at(1.0), asking(station, 0.5e-3)).unwrap();
@@ -45,6 +23,28 @@ fn feeds_s(config: DeliveryConfig, others: &[&str], places_m: impl Fn(f64) -> Ve
         hand.see(s, &[]);
         hand.step(s);
     }
+    hand
+}
+
+#[test]
+fn feeding_lasts_its_shortest_time_though_a_part_lies_right() {
+    let mut hand = feeding(config(), &[]);
+    let mut stopped_s = None;
+    for frame in 1..=10 {
+        let s = BEGUN_S + 0.1 * f64::from(frame);
+        hand.see(s, &[PART_M]);
+        if hand.step(s).contains(&Output::Feed(false)) {
+            stopped_s = stopped_s.or(Some(s));
+        }
+    }
+    assert!(stopped_s.is_some_and(|s| (s - BEGUN_S - config().feed_s_min).abs() < 0.11), "{stopped_s:?}");
+    assert!(stopped_s.is_some_and(|s| s > BEGUN_S + config().feed_s_min - 1e-9), "{stopped_s:?}");
+}
+
+/// Feeding begins for requests of `right` and of these stations, and the pictures from then on show parts at these places; how
+/// long it lasts, s.
+fn feeds_s(config: DeliveryConfig, others: &[&str], places_m: impl Fn(f64) -> Vec<[f64; 2]>) -> Option<f64> {
+    let mut hand = feeding(config, others);
     (1..200).map(|frame| 0.1 * f64::from(frame)).find(|fed_s| {
         hand.see(BEGUN_S + fed_s, &places_m(*fed_s));
         hand.step(BEGUN_S + fed_s).contains(&Output::Feed(false))
@@ -107,17 +107,12 @@ fn a_further_part_is_waited_for_where_its_stop_takes_less_than_the_trip_for_each
 
 #[test]
 fn for_a_part_that_would_go_over_the_drop_off_feeding_does_not_stop_however_often_its_picture_is_looked_at() {
-    let mut hand = ByHand::new(config(), 0.5e-3, None);
-    hand.step(1.06);
-    for s in [1.10, 1.20] {
-        hand.see(s, &[]);
-        hand.step(s);
-    }
+    let mut hand = feeding(config(), &[]);
     let (radius_m, rate_rad_s) = (0.07_f64, 0.2);
     for frame in 1..=7 {
-        let s = 1.20 + 0.1 * f64::from(frame);
+        let s = BEGUN_S + 0.1 * f64::from(frame);
         // From the shortest feeding on, it would come to the edge before the tray is at rest.
-        let left_rad = rate_rad_s * (1.20 + config().feed_s_min + 0.9 * config().stop_drift_s - s);
+        let left_rad = rate_rad_s * (BEGUN_S + config().feed_s_min + 0.9 * config().stop_drift_s - s);
         let angle_rad = TAU - (washer(1, Vector2::zeros()).radius_m / radius_m).asin() - left_rad;
         hand.see(s, &[[radius_m * angle_rad.cos(), radius_m * angle_rad.sin()]]);
         for later_s in [0.0, 0.01, 0.02] {

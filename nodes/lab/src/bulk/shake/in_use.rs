@@ -8,8 +8,8 @@ use feeder_model::waveform::Waveform;
 use feeder_sim::parts::{BulkSettings, PartBulk};
 
 use super::cluster::nearest_pair;
-use super::motion::Motion;
-use super::primitives::{FADE_PERIODS, PRIMITIVES, Primitive};
+use super::motion::{FADE_PERIODS, Motion};
+use super::primitives::{PRIMITIVES, Primitive};
 use super::{Args, feeding, feeds, pickable, right_on_plateau, shake, table};
 use crate::bulk::{Shaking, block_s, scenario};
 

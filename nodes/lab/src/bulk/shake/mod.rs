@@ -36,8 +36,7 @@ fn feeds(part: &PartType) -> Vec<(&'static str, WaveformSpec)> {
 
 /// Feeding, faded in and out.
 fn feeding(waveform: &Waveform, start_s: f64, end_s: f64) -> Burst {
-    let fade_s = primitives::FADE_PERIODS * waveform.period_s();
-    Burst { shape: Shape::Periodic(waveform.clone()), axes: Vector3::z(), start_s, end_s, fades_s: [fade_s; 2] }
+    Burst::faded(Shape::Periodic(waveform.clone()), Vector3::z(), start_s, end_s)
 }
 
 /// Which parts can be picked as they lie: right, wholly on the plateau, with a gripper's room.

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use feeder_control::courier::CourierLimits;
+use feeder_control::courier::{CourierLimits, smoothstep};
 use feeder_model::motion::{MotionBlock, MotionSample};
 use feeder_model::motor::Load;
 use feeder_model::waveform::Waveform;
@@ -12,6 +12,9 @@ use crate::bulk::{BLOCK_SAMPLES, SAMPLE_S};
 
 /// Farthest that a motion may carry the tray's centre from its place, m.
 pub(super) const REACH_M: f64 = 0.005;
+
+/// Fading takes so many periods, as with the courier.
+pub(super) const FADE_PERIODS: f64 = 2.0;
 
 /// What repeats in a burst.
 #[derive(Clone, Debug)]
@@ -59,26 +62,28 @@ pub(super) struct Burst {
 }
 
 impl Burst {
+    /// Fades in and out over as many periods as with the courier.
+    pub(super) fn faded(shape: Shape, axes: Vector3<f64>, start_s: f64, end_s: f64) -> Self {
+        let fade_s = FADE_PERIODS * shape.period_s();
+        Self { shape, axes, start_s, end_s, fades_s: [fade_s; 2] }
+    }
+
     /// Position and velocity.
     fn at(&self, time_s: f64) -> (Vector3<f64>, Vector3<f64>) {
         if time_s <= self.start_s || time_s >= self.end_s {
             return Default::default();
         }
         let (position, velocity) = self.shape.at(time_s - self.start_s);
-        let (rise, rise_per_s) = smoothstep(time_s - self.start_s, self.fades_s[0]);
-        let (left, left_per_s) = smoothstep(self.end_s - time_s, self.fades_s[1]);
+        let (rise, rise_per_s) = fade(time_s - self.start_s, self.fades_s[0]);
+        let (left, left_per_s) = fade(self.end_s - time_s, self.fades_s[1]);
         let (scale, scale_per_s) = (rise * left, rise_per_s * left - rise * left_per_s);
         (self.axes * (scale * position), self.axes * (scale * velocity + scale_per_s * position))
     }
 }
 
-/// 10 x³ − 15 x⁴ + 6 x⁵, as the courier fades, and its derivative, 1/s.
-fn smoothstep(time_s: f64, over_s: f64) -> (f64, f64) {
-    if over_s <= 0.0 || time_s >= over_s {
-        return (1.0, 0.0);
-    }
-    let x = (time_s / over_s).max(0.0);
-    (x * x * x * (10.0 + x * (6.0 * x - 15.0)), 30.0 * (x * (1.0 - x)).powi(2) / over_s)
+/// What a burst is scaled by, so long after it began to fade in, and the derivative of that, 1/s: as the courier fades.
+fn fade(time_s: f64, over_s: f64) -> (f64, f64) {
+    if over_s > 0.0 { smoothstep(time_s, over_s) } else { (1.0, 0.0) }
 }
 
 /// Bursts, one after the other or together.

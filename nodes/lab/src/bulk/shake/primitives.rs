@@ -11,9 +11,6 @@ use nalgebra::{Rotation2, Vector2, Vector3};
 use super::cluster::Cluster;
 use super::motion::{Burst, Motion, Shape};
 
-/// Fading takes so many periods, as with the courier.
-pub(super) const FADE_PERIODS: f64 = 2.0;
-
 /// A motion by its name.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Primitive {
@@ -95,11 +92,6 @@ fn stick_slip() -> Result<Shape> {
     Ok(Shape::Periodic(Waveform::stick_slip(Axis::Yaw, STICK_SLIP_S, STICK_SHARE, 1.0)?))
 }
 
-fn steady(shape: Shape, axes: Vector3<f64>, duration_s: f64) -> Burst {
-    let fade_s = FADE_PERIODS * shape.period_s();
-    Burst { shape, axes, start_s: 0.0, end_s: duration_s, fades_s: [fade_s; 2] }
-}
-
 /// Two bursts by turns.
 fn by_turns(shape: &Shape, axes: [Vector3<f64>; 2], duration_s: f64) -> Vec<Burst> {
     let mut bursts = Vec::new();
@@ -115,23 +107,21 @@ fn by_turns(shape: &Shape, axes: [Vector3<f64>; 2], duration_s: f64) -> Vec<Burs
 
 impl Kind {
     fn bursts(self, cluster: &Cluster, duration_s: f64) -> Result<Vec<Burst>> {
+        let steady = |shape, axes| Burst::faded(shape, axes, 0.0, duration_s);
         let sine = |frequency_hz: f64, phase_rad: f64| Shape::Sine { frequency_hz, phase_rad };
-        let twist = |hz: f64, amount_rad: f64| steady(sine(hz, FRAC_PI_2), amount_rad * Vector3::z(), duration_s);
+        let twist = |hz: f64, amount_rad: f64| steady(sine(hz, FRAC_PI_2), amount_rad * Vector3::z());
         let middle_m = cluster.middle_m;
         Ok(match self {
-            Self::Along { hz } => vec![steady(sine(hz, 0.0), Vector3::x(), duration_s)],
-            Self::Round { hz } => vec![
-                steady(sine(hz, 0.0), Vector3::x(), duration_s),
-                steady(sine(hz, FRAC_PI_2), Vector3::y(), duration_s),
-            ],
+            Self::Along { hz } => vec![steady(sine(hz, 0.0), Vector3::x())],
+            Self::Round { hz } => vec![steady(sine(hz, 0.0), Vector3::x()), steady(sine(hz, FRAC_PI_2), Vector3::y())],
             Self::Twist { hz } => vec![twist(hz, 1.0)],
             // Either takes its share of the motor: at the cluster they are about as strong.
             Self::TwistAlong { twist_hz, along_hz } => {
                 let lever_m = middle_m.norm() * (twist_hz / along_hz).powi(2);
-                vec![twist(twist_hz, 1.0), steady(sine(along_hz, 0.0), lever_m * Vector3::x(), duration_s)]
+                vec![twist(twist_hz, 1.0), steady(sine(along_hz, 0.0), lever_m * Vector3::x())]
             }
             Self::ForthAndBack => by_turns(&stick_slip()?, [Vector3::z(), -Vector3::z()], duration_s),
-            Self::About => vec![steady(stick_slip()?, about(middle_m), duration_s)],
+            Self::About => vec![steady(stick_slip()?, about(middle_m))],
             Self::FeedAndReturn => {
                 let back = Vector3::new(middle_m.y, -middle_m.x, 0.0);
                 by_turns(&stick_slip()?, [Vector3::z(), back], duration_s)
