@@ -280,6 +280,11 @@ impl Summary {
         }
     }
 
+    /// Counts to the start-up what came before the nodes were started.
+    pub(crate) fn add_start_up(&mut self, wall: Duration) {
+        self.startup_s += wall.as_secs_f64();
+    }
+
     /// As JSON.
     ///
     /// # Errors

@@ -10,6 +10,7 @@ use feeder_runtime::dds::{DiscoveryRange, Domain, NodeName, Participant};
 use feeder_runtime::launch::full_name;
 use feeder_runtime::lockstep::{LoopContract, LoopTiming, Speed};
 use feeder_runtime::node::{FeederNode, Interface, NodeError};
+use feeder_runtime::patience::{Patience, share_of_machine};
 use feeder_scenario::Scenario;
 use feeder_scenario::plan::{Loaded, RunMonitorConfig, RunPlan, load, named};
 use feeder_view::{Place, Settings, Source};
@@ -24,8 +25,9 @@ use crate::table::{name_of, placed};
 
 /// How often the nodes are started before the run is given up.
 const STARTS_MAX: u32 = 3;
-/// How long to listen for others in the domain before starting.
-const BUSY_CHECK: Duration = Duration::from_millis(600);
+/// How long to listen for others in the domain before starting, longer on a busy machine: they answer in some 50 ms, and
+/// are told a second time after 300 ms that somebody asks.
+const BUSY_CHECK: Duration = Duration::from_millis(400);
 
 /// Run a scenario: all nodes, simulated time, progress and a summary.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -147,7 +149,9 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow:
         refuse_lost(file)?;
     }
     let domain = domain(args.domain)?;
+    let began = Instant::now();
     refuse_busy_domain(&domain, plan, stop)?;
+    let mut listened = began.elapsed();
     let on_screen = !args.plain && feeder_top::is_possible();
     let shown = (on_screen || args.view.is_some()).then(|| show(plan, args, domain)).transpose()?;
     let mut muster = (!args.except.is_empty()).then(|| Muster::call(&domain, plan, &args.except)).transpose()?;
@@ -155,7 +159,9 @@ pub fn execute(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow:
         muster.wait(stop)?;
     }
     again_until_up(Pace::of(args), can_start_again(args), stop, |pace| {
-        attempt(plan, args, pace, stop, domain, shown.as_ref(), muster.as_mut())
+        let mut attempt = attempt(plan, args, pace, stop, domain, shown.as_ref(), muster.as_mut())?;
+        attempt.ended.summary.add_start_up(std::mem::take(&mut listened));
+        Ok(attempt)
     })
 }
 
@@ -262,8 +268,8 @@ fn refuse_busy_domain(domain: &Domain, plan: &RunPlan, stop: &AtomicBool) -> any
     let participant = Participant::open(domain, &NodeName::new("/", NAME)?)?;
     let clock = CLOCK.name_in("");
     let ours: Vec<String> = plan.nodes.iter().map(|planned| format!("{}/", planned.namespace)).collect();
-    let since = Instant::now();
-    while since.elapsed() < BUSY_CHECK && !stop.load(Ordering::Relaxed) {
+    let (since, mut patience) = (Instant::now(), Patience::default());
+    while patience.spent(since.elapsed(), share_of_machine) < BUSY_CHECK && !stop.load(Ordering::Relaxed) {
         let graph = participant.discovered();
         let topics = graph.writers.iter().filter_map(|writer| writer.topic.strip_prefix("rt"));
         if let Some(topic) =
