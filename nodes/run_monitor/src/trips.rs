@@ -124,6 +124,15 @@ mod tests {
     }
 
     #[test]
+    fn every_part_after_the_first_of_a_trip_is_a_further_stop() {
+        let mut trips = Trips::default();
+        for activity in [Activity::Move, Activity::Pick, Activity::Pick] {
+            trips.pass(activity, 1.0, true);
+        }
+        assert_eq!((trips.trips, trips.further_stops), (1, 2));
+    }
+
+    #[test]
     fn the_oracle_takes_as_many_parts_a_trip_as_goals_are_open() {
         // 3 parts in 4 s of feeding.
         let rate = |goals_open_max| Oracle::of(&trips(goals_open_max), 3, 4.0).unwrap().per_minute();
