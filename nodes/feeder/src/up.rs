@@ -25,8 +25,8 @@ use crate::table::{name_of, placed};
 
 /// How often the nodes are started before the run is given up.
 const STARTS_MAX: u32 = 3;
-/// How long to listen for others in the domain before starting, longer on a busy machine: they answer in some 50 ms, and
-/// are told a second time after 300 ms that somebody asks.
+/// How long to listen for others in the domain before starting, longer on a busy machine. They are told after 300 ms a second
+/// time that somebody is there.
 const BUSY_CHECK: Duration = Duration::from_millis(400);
 
 /// Run a scenario: all nodes, simulated time, progress and a summary.
