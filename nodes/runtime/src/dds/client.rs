@@ -4,7 +4,7 @@ use std::{
     collections::BTreeMap,
     fmt,
     future::Future,
-    pin::Pin,
+    pin::{Pin, pin},
     sync::{
         Arc, Mutex, MutexGuard, OnceLock, PoisonError,
         atomic::{AtomicI64, Ordering},
@@ -33,6 +33,8 @@ use crate::cdr::{self, CdrError};
 
 /// Pause before a request that found the writer full is tried again.
 const FULL_PAUSE: Duration = Duration::from_millis(5);
+/// How long the first request to a server goes alone when nothing comes back. See [`Peers::first`].
+const FIRST_ALONE: Duration = Duration::from_millis(250);
 
 impl Participant {
     /// Makes a client of a service, e.g. `/feeder/load_parts`, which may come and go. It speaks the wire
@@ -308,6 +310,7 @@ impl Line {
             Some(number) => (self.id.header_request(number, &body), None),
             None => (body, Some(self.id.related_request())),
         };
+        let first = self.outlet.peers.first(server).await;
         let sequence = loop {
             match self.outlet.send(payload.clone(), Some(server), related) {
                 Ok(sequence) => break sequence,
@@ -317,7 +320,14 @@ impl Line {
         };
         // Replies are taken on this very thread, so none can be missed before this line.
         let entry = header.map_or(ReplyTo::Related(sequence), ReplyTo::Header);
-        Waiting::enter(&self.calls, entry).await
+        let mut reply = pin!(Waiting::enter(&self.calls, entry));
+        if let Some(first) = first {
+            tokio::select! {
+                reply = &mut reply => return reply,
+                _ = timeout(FIRST_ALONE, self.outlet.acknowledged()) => drop(first),
+            }
+        }
+        reply.await
     }
 }
 

@@ -2,13 +2,16 @@
 
 use std::{
     collections::{BTreeMap, BTreeSet},
-    sync::atomic::{AtomicUsize, Ordering},
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+    },
     time::Duration,
 };
 
 use futures::{FutureExt, Stream, StreamExt, pin_mut};
 use tokio::{
-    sync::watch,
+    sync::{Mutex, OwnedMutexGuard, watch},
     time::{Instant, sleep_until},
 };
 
@@ -24,8 +27,25 @@ const SETTLING: Duration = Duration::from_millis(300);
 pub(super) struct Peers {
     // Beside the set, so that counting never waits for a change.
     count: AtomicUsize,
-    /// With the time at which each was found.
-    matched: watch::Sender<BTreeMap<Guid, Instant>>,
+    matched: watch::Sender<BTreeMap<Guid, Match>>,
+}
+
+/// What is known of a matched endpoint.
+pub(super) struct Match {
+    found: Instant,
+    /// Whether it has been sent a sample of its own. Locked while the first is on its way.
+    met: Arc<Mutex<bool>>,
+}
+
+impl Match {
+    fn new() -> Self {
+        Self { found: Instant::now(), met: Arc::default() }
+    }
+}
+
+/// The right to send a peer its first sample. Whoever has more for that peer waits until this is dropped.
+pub(super) struct First {
+    _met: OwnedMutexGuard<bool>,
 }
 
 /// What happened to a match.
@@ -47,16 +67,25 @@ impl Peers {
     }
 
     /// Tells whenever the matched peers have changed.
-    pub(super) fn changes(&self) -> watch::Receiver<BTreeMap<Guid, Instant>> {
+    pub(super) fn changes(&self) -> watch::Receiver<BTreeMap<Guid, Match>> {
         self.matched.subscribe()
     }
 
     /// Waits until a peer has had time to find this end in turn.
     pub(super) async fn settled(&self, peer: Guid) {
-        let found = self.matched.borrow().get(&peer).copied();
+        let found = self.matched.borrow().get(&peer).map(|matched| matched.found);
         if let Some(found) = found {
             sleep_until(found + SETTLING).await;
         }
+    }
+
+    /// Waits while the first sample to a peer is on its way; `Some` for whoever is to send it. To be kept until the peer
+    /// has answered in some way: Cyclone DDS begins with the first heartbeat that it hears, and takes what that announces
+    /// for gone by. RustDDS sends none before its first sample, and with that sample announces all that waits behind it.
+    pub(super) async fn first(&self, peer: Guid) -> Option<First> {
+        let met = self.matched.borrow().get(&peer)?.met.clone();
+        let mut met = met.lock_owned().await;
+        (!std::mem::replace(&mut *met, true)).then_some(First { _met: met })
     }
 
     /// Follows the events of an endpoint. Its queue in the DDS library is short (four events) and
@@ -81,7 +110,7 @@ impl Peers {
                 self.change(|matched| {
                     matched.retain(|peer, _| discovered.contains(peer));
                     for peer in discovered {
-                        matched.entry(peer).or_insert_with(Instant::now);
+                        matched.entry(peer).or_insert_with(Match::new);
                     }
                 });
             }
@@ -91,7 +120,7 @@ impl Peers {
     fn take(&self, topic: &str, event: PeerEvent) {
         match event {
             PeerEvent::Joined(peer) => {
-                self.change(|matched| _ = matched.insert(peer, Instant::now()));
+                self.change(|matched| _ = matched.insert(peer, Match::new()));
             }
             PeerEvent::Left(peer) => self.change(|matched| _ = matched.remove(&peer)),
             PeerEvent::Incompatible(peer, policy) => {
@@ -101,10 +130,48 @@ impl Peers {
         }
     }
 
-    fn change(&self, change: impl FnOnce(&mut BTreeMap<Guid, Instant>)) {
+    fn change(&self, change: impl FnOnce(&mut BTreeMap<Guid, Match>)) {
         self.matched.send_modify(|matched| {
             change(matched);
             self.count.store(matched.len(), Ordering::Relaxed);
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn peers(matched: &[Guid]) -> Peers {
+        let peers = Peers::default();
+        for peer in matched {
+            peers.take("topic", PeerEvent::Joined(*peer));
+        }
+        peers
+    }
+
+    #[test]
+    fn all_wait_for_the_first_sample_to_a_peer_and_for_no_other() {
+        let [a, b] = [1, 2].map(|byte| Guid([byte; 16]));
+        let peers = peers(&[a, b]);
+        let first = peers.first(a).now_or_never().unwrap().unwrap();
+        let second = peers.first(a);
+        pin_mut!(second);
+        assert!(second.as_mut().now_or_never().is_none());
+        assert!(peers.first(b).now_or_never().unwrap().is_some(), "another peer has a first of its own");
+        drop(first);
+        assert!(second.now_or_never().unwrap().is_none());
+        assert!(peers.first(a).now_or_never().unwrap().is_none(), "there is one first only");
+    }
+
+    #[test]
+    fn a_peer_that_comes_again_has_a_first_again_and_one_that_is_not_there_has_none() {
+        let peer = Guid([1; 16]);
+        let peers = peers(&[peer]);
+        drop(peers.first(peer).now_or_never().unwrap().unwrap());
+        peers.take("topic", PeerEvent::Left(peer));
+        assert!(peers.first(peer).now_or_never().unwrap().is_none());
+        peers.take("topic", PeerEvent::Joined(peer));
+        assert!(peers.first(peer).now_or_never().unwrap().is_some());
     }
 }

@@ -12,7 +12,7 @@ use std::{
 
 use bytes::Bytes;
 use serde::{Serialize, de::DeserializeOwned};
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{sleep, timeout};
 
 use super::{
     DdsError, Guid, Participant, PublishError, Qos, Reader, SampleId, Writer,
@@ -21,6 +21,7 @@ use super::{
     graph,
     names::dds_name,
     participant::Inner,
+    peers::Match,
     tally::Counter,
     wire::{self, RequestForm},
     writer::Outlet,
@@ -251,7 +252,7 @@ impl ReplyHandle {
     async fn wait_for_readers(&self) -> Vec<Guid> {
         let peers = &self.outlet.peers;
         let readers_among =
-            |matched: &BTreeMap<Guid, Instant>| self.form.reply_readers(self.client, matched.keys().copied());
+            |matched: &BTreeMap<Guid, Match>| self.form.reply_readers(self.client, matched.keys().copied());
         let mut changes = peers.changes();
         let found = changes.wait_for(|matched| !readers_among(matched).is_empty()).await;
         // The other outcome, that nothing will change any more, needs the peers to be gone.
@@ -265,8 +266,10 @@ impl ReplyHandle {
             .await
             .map_err(|_| format!("the client's reply reader was not found in {MATCH_PATIENCE:?}"))?;
         let (payload, related) = self.form.reply(body);
+        let mut firsts = Vec::new();
         for turn in 0..SEND_COUNT_MAX {
             for reader in &readers {
+                firsts.extend(self.outlet.peers.first(*reader).await);
                 while let Err(error) = self.send_to(*reader, &payload, related) {
                     match error {
                         SendError::Publish(PublishError::Full { .. }) => sleep(FULL_PAUSE).await,
@@ -279,6 +282,7 @@ impl ReplyHandle {
             if timeout(FIRST_RESEND_AFTER * (1 << turn), self.outlet.acknowledged()).await.is_ok() {
                 return Ok(());
             }
+            firsts.clear();
         }
         Err(format!("not acknowledged, though sent {SEND_COUNT_MAX} times"))
     }
