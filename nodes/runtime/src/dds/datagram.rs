@@ -27,6 +27,7 @@ pub(super) const VERSION_AND_VENDOR: [u8; 4] = [2, 4, 0x01, 0x12];
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
 pub(super) mod submessage {
+    pub(in super::super) const ACKNACK: u8 = 0x06;
     pub(in super::super) const INFO_TS: u8 = 0x09;
     pub(in super::super) const INFO_DST: u8 = 0x0e;
     pub(in super::super) const DATA: u8 = 0x15;

@@ -19,6 +19,8 @@ use ros2_client::dds::rustdds::{
     StatusEvented,
 };
 
+use super::Guid;
+
 /// How long nobody must have been found.
 const LULL: Duration = Duration::from_millis(20);
 /// How long nothing must have happened at all: what is known is compared with the last endpoint.
@@ -40,8 +42,11 @@ pub(super) struct Lull {
     made: Option<Instant>,
     /// How many were made where nobody can be met.
     unmet: usize,
-    /// The endpoints of others.
+    /// Others, and their endpoints.
+    participants: BTreeSet<GUID>,
     known: BTreeSet<GUID>,
+    /// Until when to wait for what has happened so far.
+    until: Option<Instant>,
 }
 
 impl Lull {
@@ -51,7 +56,9 @@ impl Lull {
             own: participant.guid(),
             made: None,
             unmet: 0,
+            participants: BTreeSet::new(),
             known: BTreeSet::new(),
+            until: None,
         }
     }
 
@@ -70,13 +77,18 @@ impl Lull {
         made
     }
 
+    /// The other participants that are known.
+    pub(super) fn participants(&mut self) -> BTreeSet<Guid> {
+        self.look();
+        self.participants.iter().copied().map(Guid::from).collect()
+    }
+
     fn wait(&mut self) {
         let since = Instant::now();
         let mut until = self.made.map_or(since, |made| made + TURN);
         while until < since + PATIENCE {
-            if let Some(wait) = self.look() {
-                until = until.max(Instant::now() + wait);
-            }
+            self.look();
+            until = until.max(self.until.unwrap_or(until));
             if Instant::now() >= until {
                 return;
             }
@@ -84,12 +96,16 @@ impl Lull {
         }
     }
 
-    /// How long to wait for what has happened since the last look.
-    fn look(&mut self) -> Option<Duration> {
-        let mut wait = None;
+    /// Takes in what has happened since the last look.
+    fn look(&mut self) {
         while let Some(event) = self.events.try_recv_status() {
             let is_new = match event {
-                Event::ParticipantDiscovered { .. } => true,
+                Event::ParticipantDiscovered { dpd } => {
+                    if dpd.guid.prefix != self.own.prefix {
+                        self.participants.insert(dpd.guid);
+                    }
+                    true
+                }
                 Event::ReaderDetected { reader: end } | Event::WriterDetected { writer: end } => {
                     if end.guid.prefix == self.own.prefix {
                         continue;
@@ -97,7 +113,9 @@ impl Lull {
                     self.known.insert(end.guid)
                 }
                 Event::ParticipantLost { id, .. } => {
-                    self.known.retain(|guid| guid.prefix != id);
+                    for guids in [&mut self.participants, &mut self.known] {
+                        guids.retain(|guid| guid.prefix != id);
+                    }
                     continue;
                 }
                 Event::ReaderLost { guid, .. } | Event::WriterLost { guid, .. } => {
@@ -106,8 +124,8 @@ impl Lull {
                 }
                 _ => continue,
             };
-            wait = wait.max(Some(if is_new { LULL } else { PAUSE }));
+            let until = Instant::now() + if is_new { LULL } else { PAUSE };
+            self.until = self.until.max(Some(until));
         }
-        wait
     }
 }

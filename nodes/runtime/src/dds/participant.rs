@@ -39,12 +39,13 @@ pub struct Participant {
 }
 
 /// Fields are dropped in this order: first the thread with the readers it drains, then the participant, and what is said
-/// when it has gone last.
+/// when it has gone last. The tasks on that thread share single fields: one that held all of it at the wrong moment would be
+/// the one to say goodbye, and the process might end before it has.
 pub(super) struct Inner {
     pub(super) executor: Executor,
     announcement: Mutex<Announcement>,
     nodes: Arc<Nodes>,
-    lull: Mutex<Lull>,
+    lull: Arc<Mutex<Lull>>,
     door: Door,
     relay: OnceLock<Relay>,
     written: Written,
@@ -52,7 +53,7 @@ pub(super) struct Inner {
     pub(super) subscriber: Subscriber,
     name: NodeName,
     domain: Domain,
-    pub(super) tally: Tally,
+    pub(super) tally: Arc<Tally>,
     _farewell: Farewell,
     pub(super) domain_participant: DomainParticipant,
     _last_word: LastWord,
@@ -134,14 +135,14 @@ impl Participant {
             executor,
             announcement,
             nodes,
-            lull: Mutex::new(Lull::of(&domain_participant)),
+            lull: Arc::new(Mutex::new(Lull::of(&domain_participant))),
             relay: OnceLock::new(),
             written: Written::default(),
             publisher,
             subscriber,
             name: node.clone(),
             domain: *domain,
-            tally: Tally::default(),
+            tally: Arc::default(),
             _last_word: door.last_word(domain_participant.guid().into(), domain_participant.participant_id()),
             door,
             _farewell: Farewell::of(&domain_participant),
@@ -161,7 +162,12 @@ impl Participant {
             // Set once: the door has been shut until now.
             let _ = inner.relay.set(relay);
         }
-        if let Some(later) = inner.door.open(participant.guid().into(), participant.participant_id()) {
+        let known = {
+            let lull = Arc::clone(&inner.lull);
+            // Whoever holds the lock makes an endpoint; the next time will do.
+            move || lull.try_lock().map(|mut lull| lull.participants()).unwrap_or_default()
+        };
+        if let Some(later) = inner.door.open(participant.guid().into(), participant.participant_id(), known) {
             inner.executor.spawner().spawn(later);
         }
     }
@@ -202,10 +208,10 @@ impl Participant {
         self.inner.tally.counter(endpoint, what)
     }
 
-    /// What has been lost or refused, for a task that must not keep the participant alive.
+    /// What has been lost or refused, for a task, which must not keep the participant alive.
     pub(crate) fn watch_losses(&self) -> impl Fn() -> Vec<Loss> + Send + 'static {
-        let inner = Arc::downgrade(&self.inner);
-        move || inner.upgrade().map(|inner| inner.tally.losses()).unwrap_or_default()
+        let tally = Arc::clone(&self.inner.tally);
+        move || tally.losses()
     }
 
     /// Starts a task on the participant's thread; it ends with the returned handle.

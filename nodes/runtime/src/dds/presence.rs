@@ -1,4 +1,5 @@
-//! What a participant says of itself: that it is there, and that it has gone (SPDP; RTPS 2.3, 8.5.3).
+//! What a participant says of itself: that it is there, and that it has gone (SPDP; RTPS 2.3, 8.5.3); and how it asks others
+//! what they have (SEDP; 8.5.4).
 //!
 //! RustDDS says the same by itself, 100 ms after it was made and every 10 s, to the multicast group, to those it knows
 //! and to the first 12 participants of this host, and that cannot be changed. So others are told from here, in its words.
@@ -81,6 +82,38 @@ pub(super) fn encode_gone(participant: Guid, sequence: i64) -> BytesMut {
     to
 }
 
+/// Writers and readers of what endpoints a participant has: publications and subscriptions (RTPS 2.3, 9.3.1.5).
+const ENDPOINT_WRITERS: [[u8; 4]; 2] = [[0x00, 0x00, 0x03, 0xc2], [0x00, 0x00, 0x04, 0xc2]];
+const ENDPOINT_READERS: [[u8; 4]; 2] = [[0x00, 0x00, 0x03, 0xc7], [0x00, 0x00, 0x04, 0xc7]];
+
+/// Whether RustDDS made a participant: others may not take counts that do not rise.
+pub(super) fn can_be_asked(participant: &Guid) -> bool {
+    participant.0[..2] == VERSION_AND_VENDOR[2..]
+}
+
+/// The message in which `asker` has heard nothing yet of the endpoints of those `asked`, who say at once how much there is:
+/// empty acknowledgements that are not final (RTPS 2.3, 8.3.7.1). They take nothing back that was acknowledged, and where all
+/// was, nothing comes of them. A question with the `number` of the one before is taken for the same.
+pub(super) fn encode_question<'a>(asker: Guid, asked: impl IntoIterator<Item = &'a Guid>, number: u16) -> BytesMut {
+    let mut to = BytesMut::with_capacity(512);
+    put_header(&mut to, asker);
+    for asked in asked {
+        put_head(&mut to, submessage::INFO_DST, submessage::LITTLE_ENDIAN, 12);
+        to.put_slice(&asked.participant());
+        for (reader, writer) in ENDPOINT_READERS.iter().zip(&ENDPOINT_WRITERS) {
+            put_head(&mut to, submessage::ACKNACK, submessage::LITTLE_ENDIAN, 24);
+            to.put_slice(reader);
+            to.put_slice(writer);
+            put_sequence(&mut to, Some(1));
+            // None is asked for by its sequence number.
+            to.put_u32_le(0);
+            // The reader's own count begins at 0 and rises.
+            to.put_i32_le(-1 - i32::from(number));
+        }
+    }
+    to
+}
+
 /// A message of one announcement, as far as its inline QoS or its payload.
 fn begin(participant: Guid, sequence: i64, flags: u8) -> BytesMut {
     let mut to = BytesMut::with_capacity(512);
@@ -138,6 +171,34 @@ mod tests {
         ]
         .concat();
         assert_eq!(encode_gone(guid(), 1 << 32).as_ref(), expected);
+    }
+
+    #[test]
+    fn only_participants_of_rust_dds_are_asked() {
+        let of_vendor = |vendor: [u8; 2]| {
+            let mut guid = guid();
+            guid.0[..2].copy_from_slice(&vendor);
+            guid
+        };
+        assert!(can_be_asked(&of_vendor([0x01, 0x12])));
+        let (fast_dds, cyclone_dds) = (of_vendor([0x01, 0x0f]), of_vendor([0x01, 0x10]));
+        assert!(!can_be_asked(&fast_dds) && !can_be_asked(&cyclone_dds));
+    }
+
+    #[test]
+    fn the_question_is_the_one_of_the_specification() {
+        let expected = [
+            &b"RTPS\x02\x04\x01\x12"[..],
+            &[7; 12],
+            &[0x0e, 1, 12, 0],
+            &[9; 12],
+            &[6, 1, 24, 0, 0, 0, 3, 0xc7, 0, 0, 3, 0xc2],
+            &[0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0xfe, 0xff, 0xff, 0xff],
+            &[6, 1, 24, 0, 0, 0, 4, 0xc7, 0, 0, 4, 0xc2],
+            &[0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0xfe, 0xff, 0xff, 0xff],
+        ]
+        .concat();
+        assert_eq!(encode_question(guid(), &[Guid([9; 16])], 1).as_ref(), expected);
     }
 
     #[test]
