@@ -70,7 +70,7 @@ impl Relief {
         let reach_m = radius_m + top_m * (steepness * (1.0 + f64::from(PENUMBRA))).max(DIMMING_HEIGHTS) + texel_m;
         let texel_m = texel_m.max(2.0 * reach_m / SIDE_MAX);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most SIDE_MAX and positive")]
-        let side = (2.0 * reach_m / texel_m).ceil() as usize | 1;
+        let side = ((2.0 * reach_m / texel_m).ceil() as usize).next_multiple_of(2);
         let mut raster = Raster::new(side, texel_m);
         for (triangle, reflectance) in solid.mesh.triangles().iter().zip(solid.mesh.reflectance()) {
             let corners = triangle.map(|corner| {
@@ -124,7 +124,7 @@ impl Relief {
 
     /// 1 near the part, falling to 0 at the border of the map, so that no step shows there.
     fn fading(&self, index: usize) -> f32 {
-        let place = |index: usize| (index as f32 - (self.side / 2) as f32) * self.texel_m;
+        let place = |index: usize| (index as f32 + 0.5 - self.middle()) * self.texel_m;
         let radius_m = place(index % self.side).hypot(place(index / self.side));
         ((self.reach_m - radius_m) / (0.7 * (self.reach_m - self.radius_m))).clamp(0.0, 1.0)
     }
@@ -194,7 +194,7 @@ impl Relief {
 
     /// Texel coordinates of the part's origin.
     pub(super) fn middle(&self) -> f32 {
-        (self.side / 2) as f32 + 0.5
+        (self.side / 2) as f32
     }
 
     /// The lamp's entry of the brightness table for a lamp at `azimuth_rad` in the part's frame.
@@ -310,7 +310,9 @@ impl Raster {
             return;
         }
         let slope = Vector2::new(-normal.x, -normal.y) / normal.z;
-        let middle = (self.side / 2) as f64;
+        // Edges between texels are where the edges of parts often are, of whole millimetres: drawn by texels whose middles lay on
+        // them, parts would be as large as the texels say.
+        let middle = (self.side / 2) as f64 - 0.5;
         let place = |x_m: f64| x_m / self.texel_m + middle;
         let range = |values: [f64; 3]| {
             let low = values.into_iter().fold(f64::INFINITY, f64::min);
@@ -340,6 +342,28 @@ impl Raster {
                     self.reflectances[index] = reflectance;
                 }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::LightModel;
+
+    /// Area of the texels that show a block of 6 x 4 mm, lying flat, m².
+    fn area_m2(texel_m: f64) -> f64 {
+        let solid = PartSolid::of_catalogue("block");
+        let relief = Relief::new(&solid, &solid.poses[0], texel_m, &LightModel::default().in_tray(0.0));
+        relief.heights_m.iter().filter(|height_m| **height_m > 0.0).count() as f64 * texel_m.powi(2)
+    }
+
+    #[test]
+    fn a_part_is_as_large_as_it_is_where_its_edges_fall_on_texels_and_beside() {
+        // In 0.1 mm go both sides a whole number of times; a camera that hangs a little higher or lower sees other texels.
+        for texel_m in [0.000_1, 0.000_099_9, 0.000_100_1, 0.000_099_5, 0.000_100_5] {
+            let excess = area_m2(texel_m) / 24e-6 - 1.0;
+            assert!(excess.abs() < 0.015, "{texel_m}: {excess}");
         }
     }
 }
