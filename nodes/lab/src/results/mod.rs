@@ -49,7 +49,7 @@ struct Row {
     what: String,
     #[serde(default)]
     quick: bool,
-    /// For a shell, in an empty folder beside the clone's own folders.
+    /// For a shell, in an empty folder beside the clone's own folders; those of cargo in the clone.
     commands: Vec<String>,
     /// Files that the commands write and that are read behind what they print.
     #[serde(default)]
@@ -127,7 +127,9 @@ fn run_commands(row: &Row, clone: &Path) -> Result<String> {
     }
     let mut text = String::new();
     for command in &row.commands {
-        let output = Command::new("sh").args(["-c", command]).current_dir(folder.path()).output()?;
+        // cargo works on the clone itself.
+        let place = if command.starts_with("cargo ") { clone } else { folder.path() };
+        let output = Command::new("sh").args(["-c", command]).current_dir(place).output()?;
         let errors = String::from_utf8_lossy(&output.stderr);
         let last = errors.lines().last().unwrap_or_default();
         ensure!(output.status.success(), "{command}: {}: {last}", output.status);
