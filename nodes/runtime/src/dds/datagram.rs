@@ -83,8 +83,7 @@ impl WholeSample<'_> {
         let mut to = BytesMut::with_capacity(self.body.len() + 256);
         put_header(&mut to, self.writer);
 
-        put_head(&mut to, submessage::INFO_DST, submessage::LITTLE_ENDIAN, 12);
-        to.put_slice(&self.reader.participant());
+        put_destination(&mut to, self.reader);
 
         put_head(&mut to, submessage::INFO_TS, submessage::LITTLE_ENDIAN, 8);
         // Seconds and 2^-32 of them.
@@ -119,6 +118,12 @@ impl WholeSample<'_> {
 pub(super) fn put_header(to: &mut BytesMut, of: Guid) {
     to.put_slice(b"RTPS");
     to.put_slice(&VERSION_AND_VENDOR);
+    to.put_slice(&of.participant());
+}
+
+/// The participant that the submessages behind are for; `of` is it or one of its endpoints.
+pub(super) fn put_destination(to: &mut BytesMut, of: Guid) {
+    put_head(to, submessage::INFO_DST, submessage::LITTLE_ENDIAN, 12);
     to.put_slice(&of.participant());
 }
 

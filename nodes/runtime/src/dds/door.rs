@@ -212,15 +212,29 @@ impl Herald {
         }
     }
 
-    async fn go_on(self, mut stranger: Option<Presence>, known: impl Fn() -> BTreeSet<Guid>) {
+    async fn go_on(self, stranger: Option<Presence>, known: impl Fn() -> BTreeSet<Guid>) {
+        futures::join!(self.announce(stranger), self.ask_around(known));
+    }
+
+    async fn announce(&self, mut stranger: Option<Presence>) {
         let message = self.presence.encode();
-        let (mut pauses, mut pause) = (PAUSES.into_iter().skip(1), PAUSES[0]);
-        let began = Instant::now();
-        let mut announced = began;
-        let (mut acquainted, mut number, mut questions) = (BTreeSet::new(), 0_u16, 0);
+        let mut pauses = PAUSES.into_iter();
+        let mut pause = PAUSES[0];
         loop {
-            let is_curious = began.elapsed() < CURIOUS_FOR;
-            let others = if is_curious { known() } else { BTreeSet::new() };
+            pause = pauses.next().unwrap_or(pause);
+            sleep(pause).await;
+            if let Some(stranger) = stranger.take() {
+                self.tell(&encode_gone(stranger.participant, 2));
+            }
+            self.tell(&message);
+        }
+    }
+
+    async fn ask_around(&self, known: impl Fn() -> BTreeSet<Guid>) {
+        let began = Instant::now();
+        let (mut acquainted, mut number, mut questions) = (BTreeSet::new(), 0_u16, 0);
+        while began.elapsed() < CURIOUS_FOR {
+            let others = known();
             if !others.is_subset(&acquainted) {
                 questions = QUESTIONS;
             }
@@ -229,14 +243,7 @@ impl Herald {
                 (number, questions) = (number.wrapping_add(1), questions - 1);
             }
             acquainted = others;
-            if announced.elapsed() >= pause {
-                if let Some(stranger) = stranger.take() {
-                    self.tell(&encode_gone(stranger.participant, 2));
-                }
-                self.tell(&message);
-                (announced, pause) = (Instant::now(), pauses.next().unwrap_or(pause));
-            }
-            sleep(if is_curious { LOOK } else { pause }).await;
+            sleep(LOOK).await;
         }
     }
 }

@@ -10,7 +10,7 @@ use std::time::Duration;
 use bytes::{BufMut, BytesMut};
 
 use super::Guid;
-use super::datagram::{VERSION_AND_VENDOR, parameter, put_head, put_header, put_sequence, submessage};
+use super::datagram::{VERSION_AND_VENDOR, parameter, put_destination, put_head, put_header, put_sequence, submessage};
 
 /// The writer and reader of participants' announcements (RTPS 2.3, 9.3.1.5).
 pub(super) const PARTICIPANT_WRITER: [u8; 4] = [0x00, 0x01, 0x00, 0xc2];
@@ -98,8 +98,7 @@ pub(super) fn encode_question<'a>(asker: Guid, asked: impl IntoIterator<Item = &
     let mut to = BytesMut::with_capacity(512);
     put_header(&mut to, asker);
     for asked in asked {
-        put_head(&mut to, submessage::INFO_DST, submessage::LITTLE_ENDIAN, 12);
-        to.put_slice(&asked.participant());
+        put_destination(&mut to, *asked);
         for (reader, writer) in ENDPOINT_READERS.iter().zip(&ENDPOINT_WRITERS) {
             put_head(&mut to, submessage::ACKNACK, submessage::LITTLE_ENDIAN, 24);
             to.put_slice(reader);

@@ -310,8 +310,8 @@ impl Raster {
             return;
         }
         let slope = Vector2::new(-normal.x, -normal.y) / normal.z;
-        // Edges between texels are where the edges of parts often are, of whole millimetres: drawn by texels whose middles lay on
-        // them, parts would be as large as the texels say.
+        // The part's origin lies where texels meet, and with it edges at whole numbers of texels. In the middle of texels a
+        // rounding would decide whether those belong to the part.
         let middle = (self.side / 2) as f64 - 0.5;
         let place = |x_m: f64| x_m / self.texel_m + middle;
         let range = |values: [f64; 3]| {
