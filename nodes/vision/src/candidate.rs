@@ -5,10 +5,10 @@ use std::f64::consts::TAU;
 use nalgebra::Point2;
 
 use super::SelectorConfig;
-use super::detector::{Detector, Found};
+use super::detector::{ALIKE_MIN, Detector, Found};
 use super::health::FrameHealth;
 use super::modes::{BLUR, BLUR_SPREAD_PX2, Light, SCALE, SCALE_SPREAD, size_off};
-use super::room::measure_gaps;
+use super::room::{Lying, Room, measure_room};
 use super::view::View;
 use feeder_model::camera::{MountedTray, single};
 
@@ -32,6 +32,10 @@ const ALONE_COST_MAX: f32 = 1.25;
 /// A part must fit worse at another yaw by this share of what its template says: half way between 0 for what looks the same at
 /// both and what blunt edges leave of 1.
 const YAW_LEAD_SHARE_MIN: f32 = 0.3;
+
+/// Where a template leaves no more than this share of a part's contrast with bare floor unexplained, it need not stand out as it
+/// did when taught: a correlation of 0.95. The look-alikes under gleaming light that were seen leave 0.15 and more.
+const UNEXPLAINED_RATIO_MAX: f32 = 0.1;
 
 /// A part as one frame shows it, in the tray frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,24 +74,29 @@ impl Candidate {
     }
 }
 
+/// What a frame shows, as it is judged.
+pub(super) struct Judgement {
+    pub candidates: Vec<Candidate>,
+    /// The room round them.
+    pub room: Room,
+    pub health: FrameHealth,
+}
+
 /// Judges what was found: what pose it is in, whether it lies on the plateau, and what room it has.
-pub(super) fn judge(
-    detector: &Detector,
-    view: &View,
-    config: &SelectorConfig,
-    found: &[Found],
-) -> (Vec<Candidate>, FrameHealth) {
+pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, found: &[Found]) -> Judgement {
     let m_per_px = detector.camera.m_per_px(detector.tray.plateau_height_m());
     let mut candidates = Vec::with_capacity(found.len());
-    let mut outlines = Vec::with_capacity(found.len());
+    let mut lying = Vec::with_capacity(found.len());
     for part in found {
-        let outline = detector.outline(part.pose, part.fit.centre, part.fit.yaw_rad);
+        let (centre, yaw_rad) = (part.fit.centre, part.fit.yaw_rad);
+        let outline = detector.outline(part.pose, centre, yaw_rad);
         let Some(wall_gap_m) = wall_gap_m(&outline, &detector.tray, m_per_px) else { continue };
         let (pose, confidence) = recognise(detector, part, config);
+        let turns = detector.sought[part.pose].template.yaw_symmetry != 0;
         candidates.push(Candidate {
-            x_m: part.fit.centre.x,
-            y_m: part.fit.centre.y,
-            yaw_rad: (detector.sought[part.pose].template.yaw_symmetry != 0).then_some(part.fit.yaw_rad),
+            x_m: centre.x,
+            y_m: centre.y,
+            yaw_rad: turns.then_some(yaw_rad),
             likeness: part.pose,
             pose,
             confidence,
@@ -95,10 +104,15 @@ pub(super) fn judge(
             wall_gap_m,
             on_plateau: is_on_plateau(&outline, &detector.tray, m_per_px),
         });
-        outlines.push((part.pose, outline));
+        let yaw_rad = if turns { yaw_rad } else { 0.0 };
+        lying.push(Lying { pose: part.pose, centre, yaw_rad, outline });
     }
-    let (own_px, foreign_px) = measure_gaps(detector, view, &outlines, &mut candidates);
-    (candidates, health(detector, view, config, found, own_px, foreign_px))
+    let room = measure_room(detector, view, &lying);
+    for (index, candidate) in candidates.iter_mut().enumerate() {
+        candidate.part_gap_m = room.gap_m(index);
+    }
+    let health = health(detector, view, config, found, &candidates, &room);
+    Judgement { candidates, room, health }
 }
 
 /// Free gap from an outline to the nearer wall, m; nothing for one farther in a wall than is measured wrongly: a part cannot lie
@@ -118,15 +132,16 @@ fn is_on_plateau(outline: &[Point2<f64>], tray: &MountedTray, m_per_px: f64) -> 
     outline.iter().all(|corner| tray.inside_sector_m(*corner) >= -SECTOR_MISS_PX * m_per_px)
 }
 
-/// What the frame is worth, of whose uncovered foreground `own_px` belong to parts as their shade and `foreign_px` do not.
+/// What the frame is worth.
 fn health(
     detector: &Detector,
     view: &View,
     config: &SelectorConfig,
     found: &[Found],
-    own_px: usize,
-    foreign_px: usize,
+    candidates: &[Candidate],
+    room: &Room,
 ) -> FrameHealth {
+    let Room { own_px, foreign_px, .. } = *room;
     let recognised: Vec<&Found> = found.iter().filter(|part| is_recognised(detector, part, config)).collect();
     let part_px: usize = found.iter().map(|part| part.px).sum();
     let recognised_px: usize = recognised.iter().map(|part| part.px).sum();
@@ -149,7 +164,30 @@ fn health(
         blur_excess_px2: middle(BLUR, 2.0 * BLUR_SPREAD_PX2),
         size_excess_ratio: middle(SCALE, SCALE_SPREAD),
         recognised: recognised.len(),
+        miss_ratio: miss_ratio(detector, &recognised),
+        beset_ratio: beset_ratio(candidates, room, config.part_clearance_m),
     }
+}
+
+/// What the middle one of the parts recognised in a pose misses by, of what it may, in the pose that fits worst; 0 where too few
+/// of each pose lie to tell.
+fn miss_ratio(detector: &Detector, recognised: &[&Found]) -> f64 {
+    let of_pose = |pose: usize| {
+        let mut misses: Vec<f32> =
+            recognised.iter().filter(|part| part.pose == pose).map(|part| part.fit.cost).collect();
+        misses.sort_by(f32::total_cmp);
+        let middle = if misses.len() < ALIKE_MIN { 0.0 } else { misses[misses.len() / 2] };
+        f64::from(middle / detector.sought[pose].miss_max())
+    };
+    (0..detector.sought.len()).map(of_pose).fold(0.0, f64::max)
+}
+
+/// Share of the parts recognised to which something that is nobody's leaves too little room; 0 where too few lie to tell.
+fn beset_ratio(candidates: &[Candidate], room: &Room, clearance_m: f64) -> f64 {
+    let gaps_m = candidates.iter().zip(&room.foreign_gaps_m).filter(|(candidate, _)| candidate.pose.is_some());
+    let (beset, free): (Vec<f64>, Vec<f64>) = gaps_m.map(|(_, gap_m)| *gap_m).partition(|gap_m| *gap_m < clearance_m);
+    let count = beset.len() + free.len();
+    if count < ALIKE_MIN { 0.0 } else { beset.len() as f64 / count as f64 }
 }
 
 /// Share of the plateau that is in the picture, by the scale in its middle.
@@ -163,7 +201,7 @@ fn in_view_ratio(detector: &Detector) -> f64 {
 
 /// Whether a part looks as taught, in size too, and like nothing else.
 fn is_recognised(detector: &Detector, part: &Found, config: &SelectorConfig) -> bool {
-    let miss_max = detector.sought[part.pose].template.miss_max + detector.sought[part.pose].noise_miss;
+    let miss_max = detector.sought[part.pose].miss_max();
     let yaw_shows = [part.turned, part.yaw_lead].into_iter().flatten().all(|share| share >= YAW_LEAD_SHARE_MIN);
     if part.fit.cost > miss_max || !yaw_shows {
         return false;
@@ -174,7 +212,9 @@ fn is_recognised(detector: &Detector, part: &Found, config: &SelectorConfig) -> 
     let led = part.lead_ratio.map_or(part.lead >= single(config.evidence_lead_min), |ratio| ratio >= LEAD_RATIO_MIN);
     let size_off_max = if part.in_company { SIZE_OFF_IN_COMPANY_MAX } else { SIZE_OFF_MAX };
     let like = part.unlike <= UNLIKE_MAX && size_off(&part.fit.amounts) <= size_off_max && !part.weak;
-    let strong = part.evidence_per_texel >= detector.sought[part.pose].template.evidence_min;
+    let (miss, evidence) = (part.fit.cost, part.evidence_per_texel);
+    let correlates = miss <= UNEXPLAINED_RATIO_MAX * (miss + 2.0 * evidence);
+    let strong = evidence >= detector.sought[part.pose].template.evidence_min || part.in_company && correlates;
     led && like && strong && part.first_cost <= ALONE_COST_MAX
 }
 
@@ -182,7 +222,7 @@ fn is_recognised(detector: &Detector, part: &Found, config: &SelectorConfig) -> 
 /// explanations.
 fn recognise(detector: &Detector, part: &Found, config: &SelectorConfig) -> (Option<usize>, f64) {
     let lead_min = single(config.evidence_lead_min);
-    let miss_max = detector.sought[part.pose].template.miss_max + detector.sought[part.pose].noise_miss;
+    let miss_max = detector.sought[part.pose].miss_max();
     if !is_recognised(detector, part, config) {
         return (None, 0.0);
     }

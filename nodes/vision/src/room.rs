@@ -2,7 +2,6 @@
 
 use nalgebra::Point2;
 
-use super::candidate::Candidate;
 use super::detector::Detector;
 use super::modes::Light;
 use super::segment::Uncovered;
@@ -25,28 +24,47 @@ struct Shade {
     near: Vec<usize>,
 }
 
-/// Free gaps between candidates, whose poses and outlines are given, and to whatever else stands out from the plateau. Returns
-/// how many pixels of that are the parts' own, as their shade, and how many are not.
-pub(super) fn measure_gaps(
-    detector: &Detector,
-    view: &View,
-    outlines: &[(usize, Vec<Point2<f64>>)],
-    candidates: &mut [Candidate],
-) -> (usize, usize) {
+/// The room round parts, and what stands out from the plateau and is covered by none of them.
+pub(super) struct Room {
+    /// For each part the free gap to the nearest other one, and to what stands out and is nobody's, m.
+    pub part_gaps_m: Vec<f64>,
+    pub foreign_gaps_m: Vec<f64>,
+    /// Pixels of what stands out that are the parts' own, as their shade, and those that are not.
+    pub own_px: usize,
+    pub foreign_px: usize,
+}
+
+impl Room {
+    /// Free gap round a part, m.
+    pub(super) fn gap_m(&self, part: usize) -> f64 {
+        self.part_gaps_m[part].min(self.foreign_gaps_m[part])
+    }
+}
+
+/// Where a part lies: its pose, place, yaw and outline, tray frame.
+pub(super) struct Lying {
+    pub pose: usize,
+    pub centre: Point2<f64>,
+    pub yaw_rad: f64,
+    pub outline: Vec<Point2<f64>>,
+}
+
+/// Measures the room round parts.
+pub(super) fn measure_room(detector: &Detector, view: &View, parts: &[Lying]) -> Room {
     let reach_m = |pose: usize| detector.sought[pose].radius_m;
-    let centres: Vec<Point2<f64>> = candidates.iter().map(Candidate::centre).collect();
-    for (index, (pose, outline)) in outlines.iter().enumerate() {
-        for (other, (other_pose, other_outline)) in outlines.iter().enumerate().skip(index + 1) {
-            let circles_m = (centres[index] - centres[other]).norm() - reach_m(*pose) - reach_m(*other_pose);
-            let gap_m = if circles_m > NEAR_M { circles_m } else { gap_m(outline, other_outline) };
-            candidates[index].part_gap_m = candidates[index].part_gap_m.min(gap_m);
-            candidates[other].part_gap_m = candidates[other].part_gap_m.min(gap_m);
+    let mut part_gaps_m = vec![f64::INFINITY; parts.len()];
+    for (index, part) in parts.iter().enumerate() {
+        for (other_index, other) in parts.iter().enumerate().skip(index + 1) {
+            let circles_m = (part.centre - other.centre).norm() - reach_m(part.pose) - reach_m(other.pose);
+            let gap_m = if circles_m > NEAR_M { circles_m } else { gap_m(&part.outline, &other.outline) };
+            part_gaps_m[index] = part_gaps_m[index].min(gap_m);
+            part_gaps_m[other_index] = part_gaps_m[other_index].min(gap_m);
         }
     }
-    let keep_off = |place: &Point2<f64>, near: &[usize], candidates: &mut [Candidate]| {
+    let mut foreign_gaps_m = vec![f64::INFINITY; parts.len()];
+    let mut keep_off = |place: &Point2<f64>, near: &[usize]| {
         for index in near {
-            let gap_m = distance_m(&outlines[*index].1, place);
-            candidates[*index].part_gap_m = candidates[*index].part_gap_m.min(gap_m);
+            foreign_gaps_m[*index] = foreign_gaps_m[*index].min(distance_m(&parts[*index].outline, place));
         }
     };
     let frame = &detector.segmentation;
@@ -56,12 +74,12 @@ pub(super) fn measure_gaps(
     let (mut own_px, mut foreign_px) = (0, 0);
     for Uncovered { pixel, place, level, px } in detector.uncovered(view, EDGE_STRIP_PX) {
         let reach_m = |pose: usize| reach_m(pose) + DISTANCES as f64 * detector.sought[pose].m_per_px;
-        let is_near = |index: &usize| (centres[*index] - place).norm() < reach_m(outlines[*index].0).max(NEAR_M);
-        let near: Vec<usize> = (0..outlines.len()).filter(is_near).collect();
+        let is_near = |part: &Lying| (part.centre - place).norm() < reach_m(part.pose).max(NEAR_M);
+        let near: Vec<usize> = (0..parts.len()).filter(|index| is_near(&parts[*index])).collect();
         let range = |index: &usize| {
-            let (pose, candidate) = (outlines[*index].0, &candidates[*index]);
-            let lies = (centres[*index], candidate.yaw_rad.unwrap_or(0.0));
-            detector.surrounds[pose].range(view, &detector.sought[pose], lies, place, detector.light.scatters())
+            let Lying { pose, centre, yaw_rad, .. } = parts[*index];
+            let sought = &detector.sought[pose];
+            detector.surrounds[pose].range(view, sought, (centre, yaw_rad), place, detector.light.scatters())
         };
         // What is a part's own is in the way of none. Shades add up, where they are known exactly.
         let together = |(low, high): (f32, f32), (lower, higher): (f32, f32)| match detector.light {
@@ -75,14 +93,14 @@ pub(super) fn measure_gaps(
         } else {
             foreign_px += px;
             is_thing[pixel] = true;
-            keep_off(&place, &near, candidates);
+            keep_off(&place, &near);
         }
     }
     // The edge of a thing is blurred, and shaded, as a part's own is: what touches a thing may be part of it.
     for Shade { pixel, place, near } in &shades {
         if frame.window.about(*pixel).any(|touching| is_thing[touching]) {
-            keep_off(place, near, candidates);
+            keep_off(place, near);
         }
     }
-    (own_px, foreign_px)
+    Room { part_gaps_m, foreign_gaps_m, own_px, foreign_px }
 }

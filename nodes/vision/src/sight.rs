@@ -8,7 +8,7 @@
 use image::GrayImage;
 use nalgebra::Isometry2;
 
-use super::candidate::{self, Candidate};
+use super::candidate::{self, Candidate, Judgement};
 use super::detector::Detector;
 use super::health::FrameHealth;
 use super::modes::Light;
@@ -16,10 +16,7 @@ use super::template::PartModel;
 use super::{ImageFault, SelectorConfig};
 use feeder_model::camera::{CameraModel, MountedTray, single};
 
-/// Share of what lies on the plateau that must be explained for the light to be taken for the one taught without a second
-/// look; and with it: below, an explanation by the light taught counts for nothing. In rendered crowds under the light taught 0.86 to
-/// 1 is explained, in path-traced pictures under a low lamp 0.2 to 0.6.
-const EXPLAINED_MIN: f64 = 0.97;
+/// Where less of what lies on the plateau is explained by the light taught, that explanation counts for nothing.
 const EXPLAINED_BETTER_MIN: f64 = 0.8;
 
 /// Things seen by both looks nearer to each other than this, relative to the part's radius, are one.
@@ -49,35 +46,71 @@ impl Sight {
             let found = detector.find(image, platen_from_tray, config.contrast_min_levels, single(config.miss_max))?;
             Ok(candidate::judge(detector, &detector.view(platen_from_tray), config, &found))
         };
-        let (mut taught, taught_health) = look(&mut self.taught)?;
-        let taught_ratio = taught_health.explained_ratio;
-        if taught_ratio >= EXPLAINED_MIN && !taught_health.light_differs() {
-            return Ok((taught, taught_health));
+        let taught: Judgement = look(&mut self.taught)?;
+        if taught.health.is_as_taught() {
+            return Ok((taught.candidates, taught.health));
         }
-        let (any, any_health) = look(&mut self.any)?;
-        if taught_ratio < EXPLAINED_BETTER_MIN || taught_ratio <= any_health.explained_ratio {
-            return Ok((any, any_health));
+        let any = look(&mut self.any)?;
+        let as_taught = self.any.light_differs(&self.any.view(platen_from_tray)) == Some(false);
+        Ok(self.together(taught, any, as_taught, config))
+    }
+
+    /// What both looks come to together, in light that falls as it did when the part was taught or otherwise: the one that explains
+    /// more counts, and the other supports or contradicts it.
+    pub(super) fn together(
+        &self,
+        mut taught: Judgement,
+        mut any: Judgement,
+        as_taught: bool,
+        config: &SelectorConfig,
+    ) -> (Vec<Candidate>, FrameHealth) {
+        let taught_ratio = taught.health.explained_ratio;
+        if taught_ratio < EXPLAINED_BETTER_MIN || taught_ratio <= any.health.explained_ratio {
+            if as_taught {
+                self.lend_room(&taught, &mut any, config);
+            }
+            return (any.candidates, any.health);
         }
-        for candidate in &mut taught {
-            if any.iter().any(|other| self.contradicts(candidate, other, config)) {
-                (candidate.pose, candidate.confidence) = (None, 0.0);
+        for candidate in &mut taught.candidates {
+            for (other, part_gap_m) in any.candidates.iter().zip(&any.room.part_gaps_m) {
+                if self.contradicts(candidate, other, config) {
+                    (candidate.pose, candidate.confidence) = (None, 0.0);
+                } else if candidate.pose.is_some() && self.is_same(candidate, other, config) {
+                    candidate.confidence = candidate.confidence.max(other.confidence);
+                    candidate.part_gap_m = candidate.part_gap_m.min(*part_gap_m);
+                }
             }
         }
-        Ok((taught, taught_health))
+        (taught.candidates, taught.health)
+    }
+
+    /// Gives what one look sees the room that the other sees round the same things, but for the parts that it sees itself: what was
+    /// taught of a part's shade holds while light falls as it did, also where the part itself looks otherwise.
+    fn lend_room(&self, taught: &Judgement, any: &mut Judgement, config: &SelectorConfig) {
+        let Judgement { candidates, room, .. } = any;
+        for (index, candidate) in candidates.iter_mut().enumerate() {
+            if let Some(other) = taught.candidates.iter().find(|other| self.is_same(candidate, other, config)) {
+                let foreign_gap_m = room.foreign_gaps_m[index].max(other.part_gap_m);
+                candidate.part_gap_m = room.part_gaps_m[index].min(foreign_gap_m);
+            }
+        }
+    }
+
+    /// Whether two looks see the part most like the same pose, at the same yaw, and no further beside than a calibration may be off
+    /// without a warning.
+    fn is_same(&self, candidate: &Candidate, other: &Candidate, config: &SelectorConfig) -> bool {
+        let yaws_rad = candidate.yaw_rad.zip(other.yaw_rad);
+        let turned = yaws_rad.is_some_and(|(a_rad, b_rad)| self.taught.yaws_differ(candidate.likeness, a_rad, b_rad));
+        let apart_m = (other.centre() - candidate.centre()).norm();
+        other.likeness == candidate.likeness && !turned && apart_m <= config.calibration.warning_m
     }
 
     /// Whether one look is sure to see, where another sees `candidate`, the part in another pose, at another yaw, or further
     /// beside than a calibration may be off without a warning.
     pub(super) fn contradicts(&self, candidate: &Candidate, other: &Candidate, config: &SelectorConfig) -> bool {
         let near_m = SAME_THING_RATIO * self.taught.sought[candidate.likeness].radius_m;
-        let apart_m = (other.centre() - candidate.centre()).norm();
-        if other.pose.is_none() || apart_m > near_m {
-            return false;
-        }
-        let turned = candidate
-            .yaw_rad
-            .zip(other.yaw_rad)
-            .is_some_and(|(yaw_rad, other_rad)| self.taught.yaws_differ(candidate.likeness, yaw_rad, other_rad));
-        other.pose != candidate.pose || turned || apart_m > config.calibration.warning_m
+        let is_near = (other.centre() - candidate.centre()).norm() <= near_m;
+        let differs = other.pose != candidate.pose || !self.is_same(candidate, other, config);
+        other.pose.is_some() && is_near && differs
     }
 }

@@ -26,6 +26,8 @@ const COARSE_POINTS_MAX: usize = 100;
 const FINE_POINTS_MAX: usize = 500;
 /// Every so many points of the coarse search come first, so that the first ones are spread over the part.
 const SPREAD: usize = 5;
+/// Share of the evidence that a part alone must have, without which nothing is a thing at all.
+const STANDS_OUT_RATIO: f32 = 0.5;
 /// Most corners of an outline: of a circle 1 % is cut off.
 const OUTLINE_CORNERS_MAX: usize = 24;
 /// Step between slants of the line of sight in the coarse search.
@@ -223,6 +225,18 @@ impl Sought {
             (0..SPREAD).flat_map(|first| points.iter().copied().skip(first).step_by(SPREAD)).collect();
         let point_weight = all / points.len().max(1) as f32;
         Turn { yaw_rad, points, point_weight }
+    }
+
+    /// Mean square miss in the latest frame up to which the template holds.
+    pub(super) fn miss_max(&self) -> f32 {
+        self.template.miss_max + self.noise_miss
+    }
+
+    /// Whether so much evidence, summed over texels, is more than bare floor gives: as much as a part has even where the light lets it
+    /// stand out by far less than it did when taught.
+    pub(super) fn stands_out(&self, evidence: f32) -> bool {
+        let per_texel = evidence / (self.texels.len() as f32 * self.texel_weight);
+        per_texel >= STANDS_OUT_RATIO * self.template.evidence_min
     }
 
     /// Prepares for a frame whose bare plateau has this variance.

@@ -16,6 +16,9 @@ pub(super) const DIRECTIONS: usize = 24;
 pub(super) const DISTANCES: usize = 16;
 /// Parts that must show what is round them for a frame to tell.
 const SHOWN_MIN: usize = 4;
+/// Where light falls as it did, parts differ from each other by so many of the lesson's usual deviations at least, 1.7 standard
+/// deviations of a normal one: how they lie counts for more than how bright they are.
+const KNOWN_SCATTERS: f32 = 2.5;
 /// What lies nearer to the outline than this belongs to it, px: the lens blurs, and the fit errs.
 const BLURRED_PX: f64 = 1.5;
 
@@ -82,9 +85,17 @@ impl Samples {
         Surround { cells: self.cells.iter_mut().enumerate().map(cell).collect() }
     }
 
-    /// As [`Self::shared`] for a frame.
-    pub(super) fn of_frame(self, known: &Surround) -> Surround {
-        self.shared(known, SHOWN_MIN)
+    /// As [`Self::shared`] for a frame, in light that falls as it did when the part was taught or otherwise.
+    pub(super) fn of_frame(self, known: &Surround, light_as_taught: bool) -> Surround {
+        let told: Vec<bool> = self.cells.iter().map(|levels| levels.len() >= SHOWN_MIN).collect();
+        let mut shared = self.shared(known, SHOWN_MIN);
+        if light_as_taught {
+            let cells = shared.cells.iter_mut().zip(&known.cells).zip(told);
+            for (((_, scatter), (_, known)), _) in cells.filter(|(_, told)| *told) {
+                *scatter = scatter.max(KNOWN_SCATTERS * known);
+            }
+        }
+        shared
     }
 }
 

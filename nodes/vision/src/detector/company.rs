@@ -15,7 +15,7 @@ const SHADE_HEIGHTS: f64 = 0.8;
 /// have at least, of that of the middle one; how many there must be for that, and to add to the template what all show.
 const ALIKE_COST_MAX: f32 = 3.0;
 const ALIKE_EVIDENCE_RATIO: f32 = 0.5;
-const ALIKE_MIN: usize = 4;
+pub(in super::super) const ALIKE_MIN: usize = 4;
 const ADAPTED_MIN: usize = 6;
 /// A part with less evidence than this, of that of the middle one, is none of them.
 const WEAK_RATIO: f32 = 0.3;

@@ -3,6 +3,7 @@
 use nalgebra::{Rotation2, Vector2};
 
 use super::super::align::{Fit, NO_PART};
+use super::super::modes::Light;
 use super::super::segment::Segmentation;
 use super::super::sought::Sought;
 use super::super::view::View;
@@ -20,11 +21,19 @@ impl Detector {
         (part.fit.evidence - other.fit.evidence) / (sought.texels.len() as f32 * sought.texel_weight)
     }
 
+    /// Whether a fit shows a thing and not bare floor: in any light, a part as bright as the floor could lie wherever nothing does.
+    pub(super) fn is_thing(&self, part: &Found) -> bool {
+        self.light == Light::Taught || self.sought[part.pose].stands_out(part.fit.evidence)
+    }
+
     /// Takes the fits in order of their evidence for the parts they show, and what they cover as shown.
     pub(super) fn explain(&self, view: &View, fits: Vec<Found>, owners: &mut [u16]) -> Vec<Found> {
         let mut found: Vec<Found> = Vec::new();
         let mut pixels = Vec::new();
         for fit in fits {
+            if !self.is_thing(&fit) {
+                continue;
+            }
             pixels.clear();
             covered(&self.segmentation, view, &self.sought[fit.pose], &fit.fit, |index| pixels.push(index));
             let count = pixels.len() as f64;

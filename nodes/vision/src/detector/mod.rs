@@ -12,6 +12,7 @@ use nalgebra::{Isometry2, Point2, Rotation2, Vector2};
 
 use super::ImageFault;
 use super::align::{Belief, Fineness, Fit, NO_PART, Owners, glance, refine};
+use super::health;
 use super::modes::Light;
 use super::search::{Search, Seed};
 use super::segment::{Plateau, Segmentation, TaughtLight, Uncovered};
@@ -19,6 +20,7 @@ use super::sought::{SHADE_SIGMA, Sought, Turn};
 use super::surround::{Samples, Surround};
 use super::template::PartModel;
 use super::view::{RayTable, View};
+pub(super) use company::ALIKE_MIN;
 use explain::{clip, covered};
 use feeder_model::camera::{CameraModel, MountedTray};
 use guess::{glance_at, turns_at};
@@ -216,28 +218,30 @@ impl Detector {
         self.owners = owners;
         self.fit_again(&view, &mut found);
         // Among others a part fits only once those are known: what does not fit then is none.
-        let fits = |found: &Found| found.fit.cost <= cost_max;
+        let kept: Vec<bool> = found.iter().map(|part| part.fit.cost <= cost_max && self.is_thing(part)).collect();
         for owner in self.owners.iter_mut().filter(|owner| **owner != NO_PART) {
-            if usize::from(*owner).checked_sub(1).is_some_and(|part| !fits(&found[part])) {
+            if usize::from(*owner).checked_sub(1).is_some_and(|part| !kept[part]) {
                 *owner = 0;
             }
         }
         if self.light == Light::Any {
-            let samples = self.samples(&view, &found, |_, found| fits(found));
+            let as_taught = self.light_differs(&view) == Some(false);
+            let samples = self.samples(&view, &found, |index| kept[index]);
             self.surrounds = samples
                 .into_iter()
                 .zip(&self.sought)
-                .map(|(samples, sought)| samples.of_frame(&sought.template.surround()))
+                .map(|(samples, sought)| samples.of_frame(&sought.template.surround(), as_taught))
                 .collect();
         }
-        found.retain(fits);
+        let mut kept = kept.into_iter();
+        found.retain(|_| kept.next() == Some(true));
         Ok(found)
     }
 
     /// What parts have round them, by pose, as far as they count; `found` as they own the frame's pixels.
-    fn samples(&self, view: &View, found: &[Found], counts: impl Fn(usize, &Found) -> bool) -> Vec<Samples> {
+    fn samples(&self, view: &View, found: &[Found], counts: impl Fn(usize) -> bool) -> Vec<Samples> {
         let mut samples = vec![Samples::default(); self.sought.len()];
-        for (index, part) in found.iter().enumerate().filter(|(index, part)| counts(*index, part)) {
+        for (index, part) in found.iter().enumerate().filter(|(index, _)| counts(*index)) {
             let taken = |pixel: usize| self.owners[pixel] != 0 && usize::from(self.owners[pixel]) != index + 1;
             samples[part.pose].add(&self.segmentation, view, &self.sought[part.pose], &part.fit, taken);
         }
@@ -281,6 +285,12 @@ impl Detector {
     /// Pixels of the plateau.
     pub(super) fn plateau_px(&self) -> usize {
         self.owners.iter().filter(|owner| **owner != NO_PART).count()
+    }
+
+    /// Whether the light in the frame looked at last is another than the one taught; `None` where that cannot be compared.
+    pub(super) fn light_differs(&self, view: &View) -> Option<bool> {
+        let (plateau_ratio, hub_ratio) = self.light_ratios()?;
+        self.light_change(view).map(|change_ratio| health::light_differs(plateau_ratio, hub_ratio, change_ratio))
     }
 
     /// How the light in the frame looked at last compares with the one taught: on the plateau, and on the hub's top.

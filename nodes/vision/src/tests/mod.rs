@@ -17,6 +17,8 @@ use feeder_scenario::PartSource;
 use feeder_sim::camera::{LightModel, PartSolid, PartView, Renderer, Scene, SensorModel, TrayAppearance, TrayShot};
 
 mod accuracy;
+mod looks;
+mod otherwise;
 
 /// Radius of the grommet's flange, m.
 const RADIUS_M: f64 = 0.002_5;
@@ -299,33 +301,6 @@ fn light_that_falls_otherwise_is_told_and_looked_at_twice() {
     let image = shoot(&mut renderer, &over_camera(), &parts, &mut Pcg64Mcg::seed_from_u64(9));
     assert_seen(&selector.detect(&image, &over_camera()).unwrap(), &parts);
     assert!(selector.health().causes().contains(&HealthCause::LightDiffers), "{:?}", selector.health());
-}
-
-#[test]
-fn a_look_contradicts_another_in_pose_yaw_or_place() {
-    let coin = catalogue("coin");
-    let scene = scene(&coin, 2.0);
-    let sight = Sight::new(&scene.camera, &scene.tray, &COIN);
-    let config = SelectorConfig::default();
-    let seen = Candidate {
-        x_m: 0.0,
-        y_m: -0.06,
-        yaw_rad: Some(1.0),
-        likeness: 0,
-        pose: Some(0),
-        confidence: 1.0,
-        part_gap_m: 0.01,
-        wall_gap_m: 0.01,
-        on_plateau: true,
-    };
-    let contradicts = |other: Candidate| sight.contradicts(&seen, &other, &config);
-    assert!(!contradicts(Candidate { x_m: 0.000_1, yaw_rad: Some(1.03), ..seen }));
-    assert!(contradicts(Candidate { pose: Some(1), likeness: 1, ..seen }));
-    assert!(contradicts(Candidate { yaw_rad: Some(1.3), ..seen }));
-    assert!(contradicts(Candidate { x_m: 0.000_4, ..seen }));
-    // What is not sure, or another thing, contradicts nothing.
-    assert!(!contradicts(Candidate { pose: None, yaw_rad: Some(1.3), ..seen }));
-    assert!(!contradicts(Candidate { x_m: 0.006, yaw_rad: Some(1.3), ..seen }));
 }
 
 #[test]

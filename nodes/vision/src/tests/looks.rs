@@ -1,0 +1,96 @@
+//! What two looks at a frame come to together.
+
+use super::*;
+use crate::candidate::Judgement;
+use crate::room::Room;
+
+/// A coin that a look is sure of.
+const SEEN: Candidate = Candidate {
+    x_m: 0.0,
+    y_m: -0.06,
+    yaw_rad: Some(1.0),
+    likeness: 0,
+    pose: Some(0),
+    confidence: 1.0,
+    part_gap_m: 0.01,
+    wall_gap_m: 0.01,
+    on_plateau: true,
+};
+
+fn sight() -> Sight {
+    let scene = scene(&catalogue("coin"), 2.0);
+    Sight::new(&scene.camera, &scene.tray, &COIN)
+}
+
+/// A look that explains so much and sees one thing, with so much room to other parts and to what is nobody's.
+fn look(explained_ratio: f64, candidate: Candidate, part_gap_m: f64, foreign_gap_m: f64) -> Judgement {
+    let part_gaps_m = vec![part_gap_m];
+    let room = Room { part_gaps_m, foreign_gaps_m: vec![foreign_gap_m], own_px: 0, foreign_px: 0 };
+    let candidate = Candidate { part_gap_m: room.gap_m(0), ..candidate };
+    Judgement { candidates: vec![candidate], room, health: FrameHealth { explained_ratio, ..FrameHealth::default() } }
+}
+
+/// What the looks make of the thing, in light that falls as it did when the part was taught or otherwise.
+fn together(taught: Judgement, any: Judgement, as_taught: bool) -> Candidate {
+    let (candidates, _) = sight().together(taught, any, as_taught, &SelectorConfig::default());
+    assert_eq!(candidates.len(), 1);
+    candidates[0]
+}
+
+#[test]
+fn a_look_contradicts_another_in_pose_yaw_or_place() {
+    let (sight, config) = (sight(), SelectorConfig::default());
+    let contradicts = |other: Candidate| sight.contradicts(&SEEN, &other, &config);
+    assert!(!contradicts(Candidate { x_m: 0.000_1, yaw_rad: Some(1.03), ..SEEN }));
+    assert!(contradicts(Candidate { pose: Some(1), likeness: 1, ..SEEN }));
+    assert!(contradicts(Candidate { yaw_rad: Some(1.3), ..SEEN }));
+    assert!(contradicts(Candidate { x_m: 0.000_4, ..SEEN }));
+    // What is not sure, or another thing, contradicts nothing.
+    assert!(!contradicts(Candidate { pose: None, yaw_rad: Some(1.3), ..SEEN }));
+    assert!(!contradicts(Candidate { x_m: 0.006, yaw_rad: Some(1.3), ..SEEN }));
+}
+
+#[test]
+fn the_look_that_explains_more_counts_and_that_in_the_light_taught_only_where_it_explains_much() {
+    let unsure = Candidate { pose: None, confidence: 0.0, ..SEEN };
+    let pose = |taught_ratio: f64, any_ratio: f64| {
+        together(look(taught_ratio, SEEN, 0.01, 0.01), look(any_ratio, unsure, 0.01, 0.01), true).pose
+    };
+    assert_eq!(pose(0.95, 0.9), Some(0));
+    assert_eq!(pose(0.9, 0.95), None);
+    assert_eq!(pose(0.7, 0.6), None);
+}
+
+#[test]
+fn in_the_light_taught_a_pose_is_as_sure_as_either_look_is_and_not_at_all_where_they_differ() {
+    let weak = Candidate { confidence: 0.6, ..SEEN };
+    let taught = |seen: Candidate| look(0.95, seen, 0.01, 0.01);
+    let any = |seen: Candidate| look(0.9, seen, 0.01, 0.01);
+    assert!(together(taught(weak), any(SEEN), true).confidence > 0.99);
+    assert!(together(taught(SEEN), any(weak), true).confidence > 0.99);
+    let turned = together(taught(SEEN), any(Candidate { yaw_rad: Some(1.3), ..SEEN }), true);
+    assert_eq!((turned.pose, turned.confidence), (None, 0.0));
+    // What the look in the light taught does not recognise, the other does not make it.
+    let unknown = Candidate { pose: None, confidence: 0.0, ..SEEN };
+    assert!(together(taught(unknown), any(Candidate { x_m: 0.000_1, ..unknown }), true).pose.is_none());
+}
+
+#[test]
+fn parts_that_either_look_sees_are_in_the_way_and_shade_that_either_knows_is_not() {
+    let (near_m, clear_m) = (0.000_5, 0.01);
+    // The look in the light taught counts: parts that the other sees are in the way too.
+    let has_room = |taught: (f64, f64), any: (f64, f64)| {
+        together(look(0.95, SEEN, taught.0, taught.1), look(0.9, SEEN, any.0, any.1), true).part_gap_m > 0.001
+    };
+    assert!(has_room((clear_m, clear_m), (clear_m, near_m)));
+    assert!(!has_room((clear_m, clear_m), (near_m, clear_m)));
+    assert!(!has_room((clear_m, near_m), (clear_m, clear_m)));
+    // The other counts: what it takes for a thing may be the shade that was taught, while light falls so.
+    let has_room = |taught: (f64, f64), any: (f64, f64), as_taught| {
+        together(look(0.9, SEEN, taught.0, taught.1), look(0.95, SEEN, any.0, any.1), as_taught).part_gap_m > 0.001
+    };
+    assert!(has_room((clear_m, clear_m), (clear_m, near_m), true));
+    assert!(!has_room((clear_m, clear_m), (clear_m, near_m), false));
+    assert!(!has_room((clear_m, clear_m), (near_m, clear_m), true));
+    assert!(!has_room((near_m, clear_m), (clear_m, near_m), true));
+}

@@ -1,0 +1,77 @@
+//! Parts, lamps and lenses that differ a little from those taught.
+
+use super::*;
+use feeder_model::geometry::PartMesh;
+
+/// A part that gives back so many times the light.
+fn lit(scene: &mut Scene, ratio: f64) {
+    let mesh = &scene.part.mesh;
+    let reflectance = mesh.reflectance().iter().map(|share| share * ratio).collect();
+    scene.part.mesh = PartMesh::new(mesh.vertices().to_vec(), mesh.triangles().to_vec(), reflectance).unwrap();
+}
+
+/// Which share of the parts with room may be picked in a world that differs from the one taught, when none else may.
+fn recall(part: &PartType, model: &PartModel, change: impl Fn(&mut Scene), blur_px: f32) -> f64 {
+    let believed = scene(part, 2.0);
+    let mut world = believed.clone();
+    change(&mut world);
+    let mut renderer = Renderer::new(&world).unwrap();
+    let mut selector = Selector::new(SelectorConfig::default(), &believed.camera, &believed.tray, model).unwrap();
+    let mut random = Pcg64Mcg::seed_from_u64(21);
+    let (mut free, mut selected) = (0, 0);
+    for _ in 0..3 {
+        let parts = strewn(part, None, 40, 2.0 * part.outline_radius_m(), &mut random);
+        let mut image = shoot(&mut renderer, &over_camera(), &parts, &mut random);
+        if blur_px > 0.0 {
+            image = image::imageops::blur(&image, blur_px);
+        }
+        let seen = selector.detect(&image, &over_camera()).unwrap();
+        for candidate in seen.iter().filter(|candidate| selector.admits(candidate)) {
+            let truth = parts.iter().find(|laid| (laid.place - candidate.centre()).norm() < 0.000_5);
+            assert_eq!(truth.map(|laid| laid.pose), candidate.pose, "{candidate:?}");
+        }
+        for (index, laid) in parts.iter().enumerate() {
+            let others = parts.iter().enumerate().filter(|(other, _)| *other != index);
+            let apart_m = others.map(|(_, other)| (other.place - laid.place).norm()).fold(f64::INFINITY, f64::min);
+            if apart_m - 2.0 * part.outline_radius_m() >= 0.001_25 {
+                free += 1;
+                let near = |candidate: &&Candidate| (candidate.centre() - laid.place).norm() < 0.000_5;
+                selected += u32::from(seen.iter().find(near).is_some_and(|candidate| selector.admits(candidate)));
+            }
+        }
+    }
+    assert!(free > 40, "too few parts to judge by: {free}");
+    f64::from(selected) / f64::from(free)
+}
+
+#[test]
+fn parts_a_little_darker_or_brighter_or_blurred_are_as_sure_as_those_taught() {
+    for ratio in [0.97, 1.03] {
+        let recall = recall(&GROMMET, &MODEL, |scene| lit(scene, ratio), 0.0);
+        assert!(recall >= 0.95, "{ratio}: {recall}");
+    }
+    let recall = recall(&GROMMET, &MODEL, |_| (), 0.87);
+    assert!(recall >= 0.95, "blurred: {recall}");
+}
+
+#[test]
+fn shadows_of_a_lamp_that_stands_lower_are_in_the_way_of_none() {
+    let lower = |scene: &mut Scene| scene.light.elevation_rad = 45_f64.to_radians();
+    let recall = recall(&catalogue("coin"), &COIN, lower, 0.0);
+    assert!(recall >= 0.95, "{recall}");
+}
+
+#[test]
+fn parts_much_darker_than_those_taught_are_known_by_their_pattern() {
+    let nut = catalogue("hex_nut");
+    let recall = recall(&nut, &taught(&nut), |scene| lit(scene, 0.8), 0.0);
+    assert!(recall >= 0.9, "{recall}");
+}
+
+/// In any light a bright part could be as bright as the floor, and lie wherever none is seen.
+#[test]
+fn bare_floor_is_no_part_whatever_the_light() {
+    let block = catalogue("block");
+    let recall = recall(&block, &taught(&block), |scene| lit(scene, 1.03), 0.0);
+    assert!(recall >= 0.8, "{recall}");
+}
