@@ -81,7 +81,9 @@ impl Sight {
                 }
             }
         }
-        (taught.candidates, taught.health)
+        // In the light taught neither blur nor size is fitted.
+        let FrameHealth { blur_excess_px2, size_excess_ratio, .. } = any.health;
+        (taught.candidates, FrameHealth { blur_excess_px2, size_excess_ratio, ..taught.health })
     }
 
     /// Gives what one look sees the room that the other sees round the same things, but for the parts that it sees itself: what was

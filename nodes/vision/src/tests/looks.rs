@@ -62,6 +62,19 @@ fn the_look_that_explains_more_counts_and_that_in_the_light_taught_only_where_it
 }
 
 #[test]
+fn a_lens_out_of_focus_is_told_whichever_look_counts() {
+    let blurred = |explained_ratio: f64| {
+        let look = look(explained_ratio, SEEN, 0.01, 0.01);
+        Judgement { health: FrameHealth { blur_excess_px2: Some(1.2), ..look.health }, ..look }
+    };
+    for explained_ratio in [0.9, 0.96] {
+        let taught = look(0.95, SEEN, 0.01, 0.01);
+        let (_, health) = sight().together(taught, blurred(explained_ratio), true, &SelectorConfig::default());
+        assert!(health.causes().contains(&HealthCause::Blurred), "{health:?}");
+    }
+}
+
+#[test]
 fn in_the_light_taught_a_pose_is_as_sure_as_either_look_is_and_not_at_all_where_they_differ() {
     let weak = Candidate { confidence: 0.6, ..SEEN };
     let taught = |seen: Candidate| look(0.95, seen, 0.01, 0.01);
