@@ -285,4 +285,32 @@ mod tests {
             assert!(!beside(end_rad, 0.00021), "{end_rad}");
         }
     }
+
+    #[test]
+    fn few_parts_do_not_tell_whether_what_lies_beside_them_is_their_shadow() {
+        let seen = |pose: Option<usize>| Candidate {
+            x_m: 0.0,
+            y_m: -0.06,
+            yaw_rad: None,
+            likeness: 0,
+            pose,
+            confidence: 1.0,
+            part_gap_m: 0.01,
+            wall_gap_m: 0.01,
+            on_plateau: true,
+        };
+        // So many parts recognised have something beside them, and so many nothing; one that is not recognised counts for nothing.
+        let share = |beset: usize, free: usize| {
+            let foreign_gaps_m = [vec![0.000_5; beset], vec![0.005; free], vec![0.0]].concat();
+            let mut candidates = vec![seen(Some(0)); beset + free];
+            candidates.push(seen(None));
+            let part_gaps_m = vec![f64::INFINITY; candidates.len()];
+            let room = Room { part_gaps_m, foreign_gaps_m, own_px: 0, foreign_px: 0 };
+            beset_ratio(&candidates, &room, 0.001)
+        };
+        assert!(share(3, 0) < 1e-9);
+        assert!((share(4, 0) - 1.0).abs() < 1e-9);
+        assert!((share(3, 1) - 0.75).abs() < 1e-9);
+        assert!(share(0, 8) < 1e-9);
+    }
 }

@@ -1,9 +1,9 @@
-//! Looks at a frame in the light taught, and where that leaves much unexplained, in any light.
+//! Looks at a frame in the light taught, and where the frame does not look as taught, in any light.
 //!
 //! In the light taught a part's picture is known to a hundredth of the plateau's brightness, and what differs from it more is no
-//! part: that is exact, holds in a crowd, and is quick. Light, lens or surface that differ from those taught show in
-//! things that nothing explains, and light in how it falls across the bare plateau. Then both looks are made, and what
-//! one of them is sure of and the other contradicts is not sure.
+//! part: that is exact, holds in a crowd, and is quick. Light, lens or surface that differ from those taught show in things that
+//! nothing explains, in parts that all fit worse, in shadows beside most of them, and in how light falls across the bare plateau.
+//! Then both looks are made, and what one of them sees supports or contradicts the other.
 
 use image::GrayImage;
 use nalgebra::Isometry2;

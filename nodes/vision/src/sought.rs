@@ -232,11 +232,15 @@ impl Sought {
         self.template.miss_max + self.noise_miss
     }
 
+    /// What is summed over texels, per texel.
+    pub(super) fn per_texel(&self, summed: f32) -> f32 {
+        summed / (self.texels.len() as f32 * self.texel_weight)
+    }
+
     /// Whether so much evidence, summed over texels, is more than bare floor gives: as much as a part has even where the light lets it
     /// stand out by far less than it did when taught.
     pub(super) fn stands_out(&self, evidence: f32) -> bool {
-        let per_texel = evidence / (self.texels.len() as f32 * self.texel_weight);
-        per_texel >= STANDS_OUT_RATIO * self.template.evidence_min
+        self.per_texel(evidence) >= STANDS_OUT_RATIO * self.template.evidence_min
     }
 
     /// Prepares for a frame whose bare plateau has this variance.

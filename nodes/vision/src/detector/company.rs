@@ -102,16 +102,16 @@ impl Detector {
                 // In the light taught, what is seen beside tells where a part is, not what it is.
                 let told = if alone && self.light == Light::Taught { part.fit } else { fit };
                 part.fit = Fit { cost: told.cost, evidence: told.evidence, ..fit };
-                let texels = sought.texels.len() as f32 * sought.texel_weight;
-                part.evidence_per_texel = part.fit.evidence / texels;
+                part.evidence_per_texel = sought.per_texel(part.fit.evidence);
                 self.look_turned(view, part, &fit, &owners, belief);
                 if self.light == Light::Taught {
                     continue;
                 }
                 if let Some((pose, rival)) = part.rival {
-                    let (sought, belief) = (&self.sought[pose], &beliefs[pose]);
-                    let rival = refine(&self.segmentation, view, sought, rival, &owners, belief, Fineness::Full);
-                    part.lead = rival.map_or(f32::INFINITY, |rival| (fit.evidence - rival.evidence) / texels);
+                    let (other, belief) = (&self.sought[pose], &beliefs[pose]);
+                    let rival = refine(&self.segmentation, view, other, rival, &owners, belief, Fineness::Full);
+                    let led = |rival: Fit| sought.per_texel(fit.evidence - rival.evidence);
+                    part.lead = rival.map_or(f32::INFINITY, led);
                 }
                 part.weak = fit.evidence < WEAK_RATIO * belief.evidence;
                 part.in_company = belief.evidence > 0.0;

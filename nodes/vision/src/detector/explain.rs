@@ -17,8 +17,7 @@ const SAME_THING_MIN: f64 = 0.5;
 impl Detector {
     /// By how much, per texel, the evidence for a part is stronger than that for another explanation.
     pub(super) fn lead(&self, part: &Found, other: &Found) -> f32 {
-        let sought = &self.sought[part.pose];
-        (part.fit.evidence - other.fit.evidence) / (sought.texels.len() as f32 * sought.texel_weight)
+        self.sought[part.pose].per_texel(part.fit.evidence - other.fit.evidence)
     }
 
     /// Whether a fit shows a thing and not bare floor: in any light, a part as bright as the floor could lie wherever nothing does.
