@@ -30,8 +30,8 @@ const SIZE_CHANGE_MAX: f64 = 0.06;
 /// What a frame that looks as taught shows at least and at most. In rendered crowds under the light taught 0.86 to 1 is explained, in
 /// path-traced pictures under a low lamp 0.2 to 0.6.
 const EXPLAINED_AS_TAUGHT_MIN: f64 = 0.97;
-/// Three of four parts of five kinds miss by 0.11 to 0.23 of what they may at least in pictures like those taught, by 0.16 to 0.31 in a tray
-/// that vibrates, and by 0.38 to 0.9 where a part is 3 % darker or brighter or the lens blurs by 1 px in place of 0.5.
+/// Three of four parts of five kinds miss by 0.11 to 0.23 of what they may at least in pictures like those taught, by up to 0.31 in 98 of 100
+/// of a tray that vibrates, and by 0.38 to 0.9 where a part is 3 % darker or brighter or the lens blurs by 1 px in place of 0.5.
 const MISS_AS_TAUGHT_MAX: f64 = 0.33;
 /// What lies beside most parts is no dirt but their shadow, from a lamp that stands elsewhere.
 const BESET_AS_TAUGHT_MAX: f64 = 0.5;
