@@ -139,6 +139,11 @@ impl FrameHealth {
         self.light_change_ratio.is_some_and(differs)
     }
 
+    /// Whether light is seen to fall as it did when the part was taught.
+    pub(super) fn light_is_as_taught(&self) -> bool {
+        self.shows(HealthCause::LightDiffers) && !self.light_differs()
+    }
+
     /// Whether the frame can tell that a cause holds, or that it does not.
     fn shows(&self, cause: HealthCause) -> bool {
         match cause {
@@ -232,6 +237,17 @@ mod tests {
             FrameHealth { hub_ratio: Some(1.2), ..sound() },
         ] {
             assert!(!other.is_as_taught(), "{other:?}");
+        }
+    }
+
+    #[test]
+    fn light_that_cannot_be_compared_is_not_taken_for_the_one_taught_nor_for_another() {
+        let seen = |light_change_ratio| FrameHealth { light_change_ratio, ..sound() };
+        for (change_ratio, is_as_taught, differs) in
+            [(Some(0.001), true, false), (Some(0.003), false, true), (None, false, false)]
+        {
+            let health = seen(change_ratio);
+            assert_eq!((health.light_is_as_taught(), health.light_differs()), (is_as_taught, differs), "{health:?}");
         }
     }
 

@@ -51,22 +51,19 @@ impl Sight {
             return Ok((taught.candidates, taught.health));
         }
         let any = look(&mut self.any)?;
-        let as_taught = self.any.light_differs(&self.any.view(platen_from_tray)) == Some(false);
-        Ok(self.together(taught, any, as_taught, config))
+        Ok(self.together(taught, any, config))
     }
 
-    /// What both looks come to together, in light that falls as it did when the part was taught or otherwise: the one that explains
-    /// more counts, and the other supports or contradicts it.
+    /// What both looks come to together: the one that explains more counts, and the other supports or contradicts it.
     pub(super) fn together(
         &self,
         mut taught: Judgement,
         mut any: Judgement,
-        as_taught: bool,
         config: &SelectorConfig,
     ) -> (Vec<Candidate>, FrameHealth) {
         let taught_ratio = taught.health.explained_ratio;
         if taught_ratio < EXPLAINED_BETTER_MIN || taught_ratio <= any.health.explained_ratio {
-            if as_taught {
+            if any.health.light_is_as_taught() {
                 self.lend_room(&taught, &mut any, config);
             }
             return (any.candidates, any.health);

@@ -288,7 +288,7 @@ impl Detector {
     }
 
     /// Whether the light in the frame looked at last is another than the one taught; `None` where that cannot be compared.
-    pub(super) fn light_differs(&self, view: &View) -> Option<bool> {
+    fn light_differs(&self, view: &View) -> Option<bool> {
         let (plateau_ratio, hub_ratio) = self.light_ratios()?;
         self.light_change(view).map(|change_ratio| health::light_differs(plateau_ratio, hub_ratio, change_ratio))
     }

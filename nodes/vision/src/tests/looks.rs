@@ -32,7 +32,9 @@ fn look(explained_ratio: f64, candidate: Candidate, part_gap_m: f64, foreign_gap
 
 /// What the looks make of the thing, in light that falls as it did when the part was taught or otherwise.
 fn together(taught: Judgement, any: Judgement, as_taught: bool) -> Candidate {
-    let (candidates, _) = sight().together(taught, any, as_taught, &SelectorConfig::default());
+    let light_change_ratio = Some(if as_taught { 0.0 } else { 0.01 });
+    let any = Judgement { health: FrameHealth { light_change_ratio, hub_ratio: None, ..any.health }, ..any };
+    let (candidates, _) = sight().together(taught, any, &SelectorConfig::default());
     assert_eq!(candidates.len(), 1);
     candidates[0]
 }
@@ -69,7 +71,7 @@ fn a_lens_out_of_focus_is_told_whichever_look_counts() {
     };
     for explained_ratio in [0.9, 0.96] {
         let taught = look(0.95, SEEN, 0.01, 0.01);
-        let (_, health) = sight().together(taught, blurred(explained_ratio), true, &SelectorConfig::default());
+        let (_, health) = sight().together(taught, blurred(explained_ratio), &SelectorConfig::default());
         assert!(health.causes().contains(&HealthCause::Blurred), "{health:?}");
     }
 }
