@@ -348,14 +348,20 @@ fn bags_of_other_writers_are_checked_and_played() {
         for (index, topic) in bag.topics().iter().enumerate() {
             let recorded: Vec<Vec<u8>> =
                 bag.messages(&Query::topic(index)).map(|message| message.unwrap().data[4..].to_vec()).collect();
-            let heard = heard.lock().unwrap().get(topic.name.as_str()).cloned().unwrap_or_default();
-            let heard = &heard[heard.len().saturating_sub(COUNT)..];
             // On the wire a body is filled up to a multiple of four bytes.
             let same = |heard: &Vec<u8>, recorded: &Vec<u8>| {
                 heard.strip_prefix(&recorded[..]).is_some_and(|padding| padding.len() < 4)
             };
-            let all_same = heard.iter().zip(&recorded).all(|(heard, recorded)| same(heard, recorded));
-            assert!(heard.len() == COUNT && all_same, "{name} {}: {} of {COUNT} arrived", topic.name, heard.len());
+            // The player leaves when all has been acknowledged, which is before this reader has handed it over.
+            let heard = wait_for("the last message", || {
+                let heard = heard.lock().unwrap().get(topic.name.as_str()).cloned().unwrap_or_default();
+                heard.last().is_some_and(|last| same(last, recorded.last().unwrap())).then_some(heard)
+            });
+            // The number of each message in the bag, in the order in which they came.
+            let numbers: Vec<Option<usize>> =
+                heard.iter().map(|heard| recorded.iter().position(|recorded| same(heard, recorded))).collect();
+            let last = &numbers[numbers.len().saturating_sub(COUNT)..];
+            assert!(last.iter().copied().eq((0..COUNT).map(Some)), "{name} {}: these came: {numbers:?}", topic.name);
         }
     }
 }

@@ -281,6 +281,38 @@ fn the_services_of_rosbag2s_player_control_ours() {
     assert_eq!(stopped.thread.join().unwrap().messages, 0);
 }
 
+/// On a busy machine every reader is now and then as late as this one.
+#[test]
+fn a_reader_that_is_late_has_the_last_messages_of_a_bag_too() {
+    const COUNT: u64 = 20;
+    let domain = TestDomain::claim();
+    let work = tempfile::tempdir().unwrap();
+    let folder = work.path().join("bag");
+    good(&folder, WriteSettings::default(), COUNT);
+    let listener = participant(&domain, "listener");
+    let heard = Arc::new(Mutex::new(0));
+    let deliver = {
+        let heard = Arc::clone(&heard);
+        move |_| {
+            let mut heard = heard.lock().unwrap();
+            if *heard == 0 {
+                // Longer than the bag.
+                std::thread::sleep(Duration::from_millis(100));
+            }
+            *heard += 1;
+        }
+    };
+    let reader = listener.reader("/text", &Text::INFO.dds_type(), &late_reader(), deliver).unwrap();
+    let selection = Selection::of(vec!["/text".to_owned()]);
+    let settings = PlaySettings { start_paused: true, selection, ..for_late_readers(&["/text"]) };
+    let playing = Playing::start(&domain, Arc::new(Bag::open(&folder).unwrap()), settings);
+    wait_for("the player", || reader.matched_writers() == 1);
+    playing.controls.send(Control::Resume(Done::nobody())).unwrap();
+    let played = playing.thread.join().unwrap();
+    assert_eq!((played.messages, played.failed.len()), (COUNT, 0), "{played:?}");
+    wait_for("the last message", || *heard.lock().unwrap() == COUNT);
+}
+
 #[test]
 fn an_external_clock_drives_playing() {
     let domain = TestDomain::claim();
