@@ -33,17 +33,7 @@ impl Asker {
             }
         }
     }
-}
 
-#[derive(Debug)]
-pub(crate) enum AskerInner {
-    /// A node of the loop, at the other end of an in-edge.
-    Loop { edge: usize, call: u64 },
-    /// A client anywhere on the graph.
-    Graph(ReplyHandle),
-}
-
-impl Asker {
     /// A number that tells this client's process from others: that of its DDS participant, or of its node in the loop.
     #[must_use]
     pub fn participant(&self) -> u64 {
@@ -64,6 +54,14 @@ impl Asker {
             AskerInner::Loop { .. } => tracing::warn!("request refused: {reason}"),
         }
     }
+}
+
+#[derive(Debug)]
+pub(crate) enum AskerInner {
+    /// A node of the loop, at the other end of an in-edge.
+    Loop { edge: usize, call: u64 },
+    /// A client anywhere on the graph.
+    Graph(ReplyHandle),
 }
 
 /// Identifies a call of this node until its reply has come.

@@ -48,6 +48,18 @@ fn a_goal_runs_its_course_and_its_result_is_kept_for_a_while() {
 }
 
 #[test]
+fn ids_are_written_in_sixteenths_and_numbers_without_a_meaning_are_unknown() {
+    let mut bytes = [0; 16];
+    bytes[..2].copy_from_slice(&[0x0a, 0xf1]);
+    let written = "0af1".to_owned() + &"00".repeat(14);
+    assert_eq!(GoalId(bytes).to_string(), written);
+    assert_eq!(format!("{:?}", GoalId(bytes)), format!("GoalId({written})"));
+    let numbers = [-1, 0, 1, 6, 7].map(GoalStatus::from_number);
+    use GoalStatus::{Aborted, Accepted, Unknown};
+    assert_eq!(numbers, [Unknown, Unknown, Accepted, Aborted, Unknown]);
+}
+
+#[test]
 fn what_the_state_does_not_allow_is_refused() {
     let mut goals = goals();
     let refused = |from, to| Err(GoalError::Transition { id: id(1), from, to });

@@ -173,6 +173,20 @@ impl Bench {
             .collect()
     }
 
+    /// Asks for a result and returns what is heard last, two ticks later.
+    fn ask(&mut self, number: u8) -> Option<Heard> {
+        let request = UUID::from(id(number)).into();
+        self.tick(
+            |client, io| {
+                let call = io.call(&client.ports.get_result, &request);
+                client.asked.insert(call, id(number));
+            },
+            |_, _| {},
+        );
+        self.idle_for(2);
+        self.heard.pop()
+    }
+
     fn idle_for(&mut self, ticks: u64) {
         for _ in 0..ticks {
             self.idle();
@@ -247,6 +261,49 @@ fn a_rejected_goal_leaves_no_trace_and_may_be_sent_again() {
     bench.start(1);
     bench.idle();
     assert_eq!(bench.heard, [Heard::Rejected(1), Heard::Accepted(1)]);
+}
+
+/// The answer to a goal has no room for a reason; whoever asks for the result of a rejected goal gets one.
+#[test]
+fn the_result_of_a_rejected_goal_tells_why_until_it_expires() {
+    let mut bench = Bench::new();
+    for (number, reason) in [(1, "no way"), (2, "walled off")] {
+        let request = bench.send(number);
+        bench.tick(|_, _| {}, |server, io| server.reject_with(io, request, reason, result(reason)));
+    }
+    let rejected_in = bench.tick - 1;
+    bench.idle();
+    assert_eq!(bench.heard, [Heard::Rejected(1), Heard::Rejected(2)]);
+    assert_eq!(bench.statuses, [vec![]], "they never were goals");
+    let aborted = |number, reason: &str| Some(Heard::Finished(number, Some(GoalEnd::Aborted), reason.to_owned()));
+    assert_eq!(bench.ask(2), aborted(2, "walled off"));
+    assert_eq!(bench.ask(1), aborted(1, "no way"));
+    bench.idle_for(rejected_in + RESULT_LIFETIME_TICKS - 2 - bench.tick);
+    assert_eq!(bench.ask(2), aborted(2, "walled off"));
+    assert_eq!(bench.ask(2), Some(Heard::Finished(2, None, String::new())), "forgotten");
+}
+
+#[test]
+fn a_request_tells_who_asks() {
+    let mut bench = Bench::new();
+    let ids = [0, 7].map(|edge| {
+        bench.edge = edge;
+        let request = bench.send(u8::try_from(edge).unwrap() + 1);
+        (request.client(), request.participant())
+    });
+    assert_eq!(ids, [(0, 0), (7, 7)]);
+}
+
+/// A message may overtake the answer to the goal.
+#[test]
+fn feedback_on_a_goal_that_is_not_answered_yet_is_heard() {
+    let mut bench = Bench::new();
+    let request = bench.send(1);
+    let feedback = DeliverPartFeedback { eta_s: 1.5, ..Default::default() };
+    bench.tick(|_, _| {}, |server, io| server.feedback(io, id(1), feedback));
+    bench.tick(|_, _| {}, |server, io| server.accept(io, request));
+    bench.idle();
+    assert_eq!(bench.heard, [Heard::Feedback(1, 1.5), Heard::Accepted(1)]);
 }
 
 #[test]
@@ -351,33 +408,20 @@ fn only_the_first_end_of_a_goal_counts() {
 /// The client asks for a result as soon as the goal is accepted; others may ask at any time.
 #[test]
 fn a_result_can_be_asked_for_until_it_expires() {
-    let ask = |bench: &mut Bench, number: u8| {
-        let request = UUID::from(id(number)).into();
-        bench.tick(
-            |client, io| {
-                let call = io.call(&client.ports.get_result, &request);
-                client.asked.insert(call, id(number));
-            },
-            |_, _| {},
-        );
-        bench.idle();
-        bench.idle();
-        bench.heard.pop()
-    };
     let done = Heard::Finished(1, Some(GoalEnd::Succeeded), "done".into());
     let unknown = |number| Some(Heard::Finished(number, None, String::new()));
     let mut bench = Bench::new();
-    assert_eq!(ask(&mut bench, 1), unknown(1));
+    assert_eq!(bench.ask(1), unknown(1));
     bench.start(1);
-    assert_eq!(ask(&mut bench, 1), Some(Heard::Accepted(1)), "not yet finished: no answer");
+    assert_eq!(bench.ask(1), Some(Heard::Accepted(1)), "not yet finished: no answer");
     bench.finish(1, GoalEnd::Succeeded, "done");
     let finished_in = bench.tick - 1;
     bench.idle();
     assert_eq!(bench.heard, [done.clone(), done.clone()], "both who asked are answered");
-    assert_eq!(ask(&mut bench, 1), Some(done.clone()), "and whoever asks afterwards");
+    assert_eq!(bench.ask(1), Some(done.clone()), "and whoever asks afterwards");
     bench.idle_for(finished_in + RESULT_LIFETIME_TICKS - 2 - bench.tick);
-    assert_eq!(ask(&mut bench, 1), Some(done));
-    assert_eq!(ask(&mut bench, 1), unknown(1), "forgotten");
+    assert_eq!(bench.ask(1), Some(done));
+    assert_eq!(bench.ask(1), unknown(1), "forgotten");
     assert_eq!(bench.statuses.last(), Some(&vec![]));
 }
 
