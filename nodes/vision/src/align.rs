@@ -28,6 +28,8 @@ const TURNED_MIN: f32 = 0.1;
 const SEEN_MIN: f32 = 0.6;
 /// Share of the normal matrix's diagonal added to it, so that what nothing tells about stays as it is.
 const DAMPING: f32 = 1e-3;
+/// By how much shadows differ from the one taught where light falls as it did then, in spreads of their mode.
+const SHADOW_AS_TAUGHT_SPREAD: f32 = 0.1;
 
 /// Where and how a part may lie.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -185,6 +187,13 @@ impl Belief {
     /// That light, surface and lens may be any.
     pub(super) fn open() -> Self {
         Self { middle: [0.0; MODES], spread: [1.0; MODES], added: Vec::new(), evidence: 0.0 }
+    }
+
+    /// The same of light that is known to fall as it did when the part was taught: so do shadows.
+    pub(super) fn of_light_as_taught() -> Self {
+        let mut belief = Self::open();
+        belief.spread[modes::SHADOW] = SHADOW_AS_TAUGHT_SPREAD;
+        belief
     }
 }
 
@@ -401,14 +410,15 @@ pub(super) fn yaw_lead_share(
         sought.template.picture(&Aspect { yaw_rad, slant })
     };
     let (here, there) = (picture(fit), picture(other));
-    let level = |picture: &[f32], index: usize| {
-        picture[index] + belief.added.get(index).copied().unwrap_or(0.0) + added(&sought.effects[index], &fit.amounts)
+    let effects = [&here, &there].map(|picture| sought.effects(picture));
+    let level = |(picture, effects): (&[f32], &[Amounts]), index: usize| {
+        picture[index] + belief.added.get(index).copied().unwrap_or(0.0) + added(&effects[index], &fit.amounts)
     };
     let turn = Rotation2::new(fit.yaw_rad - other.yaw_rad);
     let (mut expected, mut count) = (0.0, 0.0_f32);
     for index in &sought.texels {
         let Some(turned) = sought.texel(turn * sought.template.place_m(*index)) else { continue };
-        let difference = level(&here, *index) - level(&there, turned);
+        let difference = level((&here, &effects[0]), *index) - level((&there, &effects[1]), turned);
         let square = difference * difference / (sought.variance(*index, owners.beside_sigma) + noise);
         expected += square.min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
         count += 1.0;
@@ -431,6 +441,7 @@ pub(super) fn residuals(
     let folded_rad = if period_rad > 0.0 { on_platen_rad.rem_euclid(period_rad) } else { 0.0 };
     let aspect = Aspect { yaw_rad: folded_rad, slant: view.slant(fit.centre, sought.plane_m) };
     let picture = sought.template.picture(&aspect);
+    let effects = sought.effects(&picture);
     let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
     let pixel = view.pixel(fit.centre, sought.plane_m)? - corner;
     let turn = Rotation2::new(folded_rad - tray_yaw_rad);
@@ -442,7 +453,7 @@ pub(super) fn residuals(
             return None;
         }
         let shade = sought.template.wall_shade.values()[*index] * frame.wall_shade(pixel);
-        let value = picture[*index] + shade + added(&sought.effects[*index], &fit.amounts);
+        let value = picture[*index] + shade + added(&effects[*index], &fit.amounts);
         Some(level / RELATIVE_UNITS - value)
     };
     Some(sought.texels.iter().map(residual).collect())
@@ -459,6 +470,7 @@ fn probes<const UNKNOWNS: usize>(
 ) -> Vec<Probe<UNKNOWNS>> {
     let turns = sought.template.yaw_symmetry != 0;
     let picture = sought.template.picture(aspect);
+    let effects = sought.effects(&picture);
     let picture_change = turns.then(|| sought.template.picture_change(aspect));
     let texels_per_px = single(sought.m_per_px / sought.template.texel_m);
     let probe = |index: usize| {
@@ -469,7 +481,7 @@ fn probes<const UNKNOWNS: usize>(
         let turned = picture_change.as_ref().map_or(0.0, |change| change[index]);
         let place_px = (place / sought.m_per_px).map(single);
         let turning = if turns { y * place_px.x - x * place_px.y - turned * inverse_sigma } else { 0.0 };
-        let effect = sought.effects[index];
+        let effect = effects[index];
         let mut slope = SVector::<f32, UNKNOWNS>::zeros();
         slope.fixed_rows_mut::<3>(0).copy_from_slice(&[x, y, turning]);
         slope.iter_mut().skip(PLACE_UNKNOWNS).zip(effect).for_each(|(slope, effect)| *slope = effect * inverse_sigma);

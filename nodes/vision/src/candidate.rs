@@ -36,6 +36,11 @@ const YAW_LEAD_SHARE_MIN: f32 = 0.3;
 /// Where a template leaves no more than this share of a part's contrast with bare floor unexplained, it need not stand out as it
 /// did when taught: a correlation of 0.95. The look-alikes under gleaming light that were seen leave 0.15 and more.
 const UNEXPLAINED_RATIO_MAX: f32 = 0.1;
+/// It must stand out as much as this, of what the middle one of its like in the frame does: light lets all stand out less. Seen of
+/// parts 0.9 to 1.15, and of a washer among nuts 0.5.
+const AS_OTHERS_RATIO: f32 = 0.7;
+/// A part that stands out by less than this, of that, is none of them.
+const WEAK_RATIO: f32 = 0.3;
 
 /// A part as one frame shows it, in the tray frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -200,7 +205,7 @@ fn in_view_ratio(detector: &Detector) -> f64 {
 }
 
 /// Whether a part looks as taught, in size too, and like nothing else.
-fn is_recognised(detector: &Detector, part: &Found, config: &SelectorConfig) -> bool {
+pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &SelectorConfig) -> bool {
     let miss_max = detector.sought[part.pose].miss_max();
     let yaw_shows = [part.turned, part.yaw_lead].into_iter().flatten().all(|share| share >= YAW_LEAD_SHARE_MIN);
     if part.fit.cost > miss_max || !yaw_shows {
@@ -211,10 +216,12 @@ fn is_recognised(detector: &Detector, part: &Found, config: &SelectorConfig) -> 
     }
     let led = part.lead_ratio.map_or(part.lead >= single(config.evidence_lead_min), |ratio| ratio >= LEAD_RATIO_MIN);
     let size_off_max = if part.in_company { SIZE_OFF_IN_COMPANY_MAX } else { SIZE_OFF_MAX };
-    let like = part.unlike <= UNLIKE_MAX && size_off(&part.fit.amounts) <= size_off_max && !part.weak;
+    let like =
+        part.unlike <= UNLIKE_MAX && size_off(&part.fit.amounts) <= size_off_max && part.evidence_ratio >= WEAK_RATIO;
     let (miss, evidence) = (part.fit.cost, part.evidence_per_texel);
     let correlates = miss <= UNEXPLAINED_RATIO_MAX * (miss + 2.0 * evidence);
-    let strong = evidence >= detector.sought[part.pose].template.evidence_min || part.in_company && correlates;
+    let as_others = part.in_company && part.evidence_ratio >= AS_OTHERS_RATIO;
+    let strong = evidence >= detector.sought[part.pose].template.evidence_min || as_others && correlates;
     led && like && strong && part.first_cost <= ALONE_COST_MAX
 }
 

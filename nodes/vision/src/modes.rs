@@ -1,7 +1,8 @@
 //! What light, surface and lens may do to a part's picture, in few numbers.
 //!
 //! Under other light than the one taught, or with another surface, a part's picture changes by more than noise, but not in
-//! any way: it gets lighter as a whole, its contrast grows or shrinks, its recesses are lit, the floor beside it is shaded.
+//! any way: it gets lighter as a whole, its contrast grows or shrinks, its recesses are lit, the floor beside it is shaded,
+//! the shadow that it casts to one side fades.
 //! To first order each is a picture of its own, made from the template, times a number: a mode. The fit finds the numbers for
 //! each part, so that what decides is what no light changes: where edges are, and how brightness is ordered between them.
 //! (Linear bases for images under changing light: Belhumeur and Kriegman 1998, "What is the set of images of an object under
@@ -48,10 +49,11 @@ impl Light {
 /// Modes that light makes: the coarse search knows these.
 pub(super) const LIGHT_MODES: usize = 4;
 /// All modes.
-pub(super) const MODES: usize = 7;
-/// The last three.
+pub(super) const MODES: usize = 8;
+/// Those of lens and size, and that of the shadow.
 pub(super) const BLUR: usize = 5;
 pub(super) const SCALE: usize = 6;
+pub(super) const SHADOW: usize = 7;
 
 /// Amounts of the modes, in units of their spreads.
 pub(super) type Amounts = [f32; MODES];
@@ -60,11 +62,13 @@ pub(super) type LightAmounts = [f32; LIGHT_MODES];
 
 /// Spreads, as standard deviations. They are no tolerances of one part or camera but what lamps and surfaces differ by from
 /// one another: a part as a whole and its contrasts by a quarter, recesses by the brightness of a bare floor between unlit
-/// and lit, the floor close by within half of its shade, the lens by 0.3 px² of blur's variance, sizes by 2 %.
+/// and lit, the floor close by within half of its shade, a cast shadow by a half (two of those leave none, as a dome does), the lens
+/// by 0.3 px² of blur's variance, sizes by 2 %.
 const LEVEL_SPREAD: f32 = 0.25;
 const CONTRAST_SPREAD: f32 = 0.2;
 const RECESS_SPREAD: f32 = 0.4;
 const BESIDE_SPREAD: f32 = 0.12;
+const SHADOW_SPREAD: f32 = 0.5;
 pub(super) const BLUR_SPREAD_PX2: f32 = 0.3;
 pub(super) const SCALE_SPREAD: f32 = 0.02;
 /// The shade under a part's rim goes as far as this, px.
@@ -73,7 +77,7 @@ const HALO_PX: f32 = 1.5;
 /// No amount is larger: what needs more is not the part in other light, but another thing.
 pub(super) const AMOUNT_MAX: f32 = 2.5;
 
-/// What a unit of each mode adds to each texel. `inside` tells how far a texel is inside the outline, 0 to 1.
+/// What a unit of each mode but the shadow's adds to each texel. `inside` tells how far a texel is inside the outline, 0 to 1.
 pub(super) fn effects(
     template: &PoseTemplate,
     mean: &[f32],
@@ -102,9 +106,34 @@ pub(super) fn effects(
             HALO_SPREAD * (1.0 - inside) * (1.0 - outside_px[index] / HALO_PX).clamp(0.0, 1.0),
             BLUR_SPREAD_PX2 * curvature,
             -SCALE_SPREAD * outwards,
+            // See `of_shadow`.
+            0.0,
         ]
     };
     (0..mean.len()).map(effect).collect()
+}
+
+/// What a unit of the shadow's mode adds to each texel of a picture: what of the part's shadow falls to one side. It falls to another
+/// side of a part that is turned, so that it is none of the mean picture's.
+pub(super) fn of_shadow(picture: &[f32], inside: &[f32], outside_px: &[f32]) -> Vec<f32> {
+    /// Rings of a pixel's width about the outline in which the usual level is taken for what falls to all sides.
+    const RINGS: usize = 16;
+    let ring = |index: usize| {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+        let ring = outside_px[index].clamp(0.0, (RINGS - 1) as f32) as usize;
+        ring
+    };
+    let mut sums = [(0.0_f32, 0.0_f32); RINGS];
+    for (index, level) in picture.iter().enumerate() {
+        let (sum, weight) = &mut sums[ring(index)];
+        *sum += (1.0 - inside[index]) * level;
+        *weight += 1.0 - inside[index];
+    }
+    let cast = |(index, level): (usize, &f32)| {
+        let (sum, weight) = sums[ring(index)];
+        SHADOW_SPREAD * (1.0 - inside[index]) * (level - sum / weight.max(1e-3))
+    };
+    picture.iter().enumerate().map(cast).collect()
 }
 
 /// The sum of modes in these amounts.
@@ -131,4 +160,31 @@ pub(super) fn size_off(amounts: &Amounts) -> f32 {
 /// Never out of the ranges of their amounts.
 pub(super) fn clamped(amount: f32) -> f32 {
     amount.clamp(-AMOUNT_MAX, AMOUNT_MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture of three pixels to a side about a part of one.
+    fn shadow(picture: [f32; 9]) -> Vec<f32> {
+        let inside = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
+        let outside_px = [1.2, 1.0, 1.2, 1.0, -0.5, 1.0, 1.2, 1.0, 1.2];
+        of_shadow(&picture, &inside, &outside_px)
+    }
+
+    #[test]
+    fn only_what_falls_to_one_side_is_a_cast_shadow() {
+        let all_round = shadow([-0.2, -0.2, -0.2, -0.2, 0.7, -0.2, -0.2, -0.2, -0.2]);
+        assert!(all_round.iter().all(|effect| effect.abs() < 1e-6), "{all_round:?}");
+        let to_one_side = shadow([0.0, 0.0, -0.4, 0.0, 0.7, -0.4, 0.0, 0.0, -0.4]);
+        // Two of the spreads less of it leave what falls to all sides: 0.15.
+        let left: Vec<f32> = [0.0, -0.4]
+            .into_iter()
+            .zip([to_one_side[0], to_one_side[2]])
+            .map(|(level, effect)| level - 2.0 * effect)
+            .collect();
+        assert!(left.iter().all(|level| (level + 0.15).abs() < 1e-6), "{left:?}");
+        assert!(to_one_side[4] == 0.0, "the part casts none on itself");
+    }
 }

@@ -1,5 +1,6 @@
 //! A taught pose made ready to be looked for at the scale of a camera.
 
+use std::borrow::Cow;
 use std::f64::consts::TAU;
 
 use nalgebra::{Matrix2, Point2, Rotation2, SMatrix, SVector, Vector2};
@@ -102,12 +103,14 @@ pub(super) struct Sought {
     pub noise_miss: f32,
     /// For each texel how far outside the outline it lies, m; below 0 inside.
     pub outside_m: Vec<f32>,
+    /// The same in pixels.
+    outside_px: Vec<f32>,
     /// For each texel the share of it that shows the part and not what lies beside, 0 to 1, as sharp as the lens is.
     pub inside: Vec<f32>,
     /// Variance by which each texel misses because edges are where they are, and as sharp as they are, only about.
     pub edge_variance: Vec<f32>,
-    /// What light and lens may add to each texel.
-    pub effects: Vec<Amounts>,
+    /// What light and lens may add to each texel, whatever the yaw.
+    effects: Vec<Amounts>,
     /// The outline, round ones with fewer corners than the drawing has, m.
     pub outline_m: Vec<Point2<f64>>,
     /// Greatest distance of the outline from the centre, m.
@@ -133,6 +136,7 @@ impl Sought {
             noise_miss: 0.0,
             outside_m: outside_m(template),
             inside: Vec::new(),
+            outside_px: Vec::new(),
             effects: Vec::new(),
             edge_variance: Vec::new(),
             outline_m: template.outline_m.clone(),
@@ -142,7 +146,7 @@ impl Sought {
         let edge_m = single(2.0 * EDGE_PX * m_per_px);
         sought.inside = sought.outside_m.iter().map(|outside_m| (0.5 - outside_m / edge_m).clamp(0.0, 1.0)).collect();
         let texels_per_px = single(m_per_px / template.texel_m);
-        let outside_px: Vec<f32> = sought.outside_m.iter().map(|outside_m| outside_m / single(m_per_px)).collect();
+        sought.outside_px = sought.outside_m.iter().map(|outside_m| outside_m / single(m_per_px)).collect();
         let mean = template.mean();
         let edge = |index: usize| {
             let (x, y) = gradient(&mean, template.side(), index);
@@ -151,7 +155,7 @@ impl Sought {
         sought.edge_variance = (0..mean.len()).map(edge).collect();
         sought.effects = match light {
             Light::Taught => vec![[0.0; MODES]; mean.len()],
-            Light::Any => modes::effects(template, &mean, &sought.inside, &outside_px, texels_per_px),
+            Light::Any => modes::effects(template, &mean, &sought.inside, &sought.outside_px, texels_per_px),
         };
         sought.texels = sought.within(RIM_PX * m_per_px);
         let all = sought.texels.len() as f32;
@@ -225,6 +229,17 @@ impl Sought {
             (0..SPREAD).flat_map(|first| points.iter().copied().skip(first).step_by(SPREAD)).collect();
         let point_weight = all / points.len().max(1) as f32;
         Turn { yaw_rad, points, point_weight }
+    }
+
+    /// What light and lens may add to each texel of a picture of the part under some aspect.
+    pub(super) fn effects(&self, picture: &[f32]) -> Cow<'_, [Amounts]> {
+        if self.light == Light::Taught {
+            return Cow::Borrowed(&self.effects);
+        }
+        let mut effects = self.effects.clone();
+        let shadow = modes::of_shadow(picture, &self.inside, &self.outside_px);
+        effects.iter_mut().zip(shadow).for_each(|(effect, shadow)| effect[modes::SHADOW] = shadow);
+        Cow::Owned(effects)
     }
 
     /// Mean square miss in the latest frame up to which the template holds.

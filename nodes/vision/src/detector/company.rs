@@ -17,17 +17,22 @@ const ALIKE_COST_MAX: f32 = 3.0;
 const ALIKE_EVIDENCE_RATIO: f32 = 0.5;
 pub(in super::super) const ALIKE_MIN: usize = 4;
 const ADAPTED_MIN: usize = 6;
-/// A part with less evidence than this, of that of the middle one, is none of them.
-const WEAK_RATIO: f32 = 0.3;
 /// A rival explanation that is led by less than this, per texel, is as good.
 const LEAD_MIN: f32 = 0.05;
 /// What parts under one light differ by among each other at least, in spreads of the modes; and a part alone from the one taught.
-const PART_SPREADS: Amounts = [0.3, 0.2, 0.12, 0.4, 1.0, 1.0, 0.5];
-const LONE_SPREADS: Amounts = [0.3, 0.3, 0.3, 0.3, 1.0, 1.0, 0.3];
+const PART_SPREADS: Amounts = [0.3, 0.2, 0.12, 0.4, 1.0, 1.0, 0.5, 0.3];
+const LONE_SPREADS: Amounts = [0.3, 0.3, 0.3, 0.3, 1.0, 1.0, 0.3, 1.0];
 
 impl Detector {
     /// What the parts of each pose have in common in this frame: light, lens, and what the template does not tell.
     fn beliefs(&self, view: &View, found: &[Found]) -> Vec<Belief> {
+        // The same light casts the shadows of all poses.
+        let mut shadows: Vec<f32> = found
+            .iter()
+            .filter(|part| part.fit.cost <= ALIKE_COST_MAX)
+            .map(|part| part.fit.amounts[modes::SHADOW])
+            .collect();
+        let shadow = median(&mut shadows);
         let belief = |pose: usize| {
             let sought = &self.sought[pose];
             let of_pose = |part: &Found| part.pose == pose && part.fit.cost <= ALIKE_COST_MAX;
@@ -40,9 +45,14 @@ impl Detector {
                 .filter(|(_, part)| of_pose(part) && part.fit.evidence >= ALIKE_EVIDENCE_RATIO * usual)
                 .collect();
             if alike.len() < ALIKE_MIN {
-                return Belief { spread: LONE_SPREADS, ..Belief::open() };
+                let open = self.open_belief(view);
+                let spread = std::array::from_fn(|mode| open.spread[mode].min(LONE_SPREADS[mode]));
+                return Belief { spread, ..open };
             }
             let middle: Amounts = std::array::from_fn(|mode| {
+                if mode == modes::SHADOW {
+                    return shadow;
+                }
                 let mut amounts: Vec<f32> = alike.iter().map(|(_, part)| part.fit.amounts[mode]).collect();
                 median(&mut amounts)
             });
@@ -113,8 +123,8 @@ impl Detector {
                     let led = |rival: Fit| sought.per_texel(fit.evidence - rival.evidence);
                     part.lead = rival.map_or(f32::INFINITY, led);
                 }
-                part.weak = fit.evidence < WEAK_RATIO * belief.evidence;
                 part.in_company = belief.evidence > 0.0;
+                part.evidence_ratio = if part.in_company { fit.evidence / belief.evidence } else { f32::INFINITY };
                 let unlike = |mode: usize| ((fit.amounts[mode] - belief.middle[mode]) / belief.spread[mode]).abs();
                 part.unlike = (0..LIGHT_MODES).chain([modes::SCALE]).map(unlike).fold(0.0, f32::max);
             }

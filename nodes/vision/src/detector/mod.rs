@@ -43,8 +43,8 @@ pub(super) struct Found {
     pub unlike: f32,
     /// Whether enough others of the pose lie in the frame to tell that.
     pub in_company: bool,
-    /// Whether much less speaks for it than for the others.
-    pub weak: bool,
+    /// Evidence relative to that of the middle one of the others; infinite where there are too few of them.
+    pub evidence_ratio: f32,
     /// As [`yaw_lead_share`](super::align::yaw_lead_share) tells of it turned by half a period of its symmetry.
     pub turned: Option<f32>,
     /// The strongest explanation by the same pose at another yaw, and by how much that is led, as it is for `turned`.
@@ -64,14 +64,14 @@ pub(super) struct Found {
 
 impl Found {
     /// A fit of which nothing else is known yet.
-    fn new(pose: usize, fit: Fit) -> Self {
+    pub(super) fn new(pose: usize, fit: Fit) -> Self {
         Self {
             pose,
             fit,
             lead: f32::INFINITY,
             unlike: 0.0,
             in_company: false,
-            weak: false,
+            evidence_ratio: f32::INFINITY,
             turned: None,
             yaw_lead: None,
             yaw_rival: None,
@@ -263,12 +263,18 @@ impl Detector {
     /// The fit that a guess leads to.
     fn fitted(&self, view: &View, guess: Found) -> Option<Found> {
         let nobody = Owners { of: &self.owners, own: 0, beside_sigma: SHADE_SIGMA };
+        let belief = self.open_belief(view);
         let refined = |start: Fit, fineness: Fineness| {
-            refine(&self.segmentation, view, &self.sought[guess.pose], start, &nobody, &Belief::open(), fineness)
+            refine(&self.segmentation, view, &self.sought[guess.pose], start, &nobody, &belief, fineness)
         };
         let rough = refined(guess.fit, Fineness::Rough).filter(|fit| fit.cost <= ROUGH_COST_MAX)?;
         let fit = refined(rough, Fineness::Full)?;
         Some(Found { fit, ..guess })
+    }
+
+    /// What is believed of any part in the frame looked at last, before parts have been found.
+    pub(super) fn open_belief(&self, view: &View) -> Belief {
+        if self.light_differs(view) == Some(false) { Belief::of_light_as_taught() } else { Belief::open() }
     }
 
     /// The fit of a pose that a guess of place and yaw leads to, in the frame looked at last.

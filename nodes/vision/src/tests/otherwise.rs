@@ -1,6 +1,10 @@
 //! Parts, lamps and lenses that differ a little from those taught.
 
 use super::*;
+use crate::align::Fit;
+use crate::candidate::is_recognised;
+use crate::detector::{Detector, Found};
+use crate::modes::{Light, MODES};
 use feeder_model::geometry::PartMesh;
 
 /// A part that gives back so many times the light.
@@ -61,6 +65,19 @@ fn shadows_of_a_lamp_that_stands_lower_are_in_the_way_of_none() {
     assert!(recall >= 0.95, "{recall}");
 }
 
+/// What falls to one side of a part does not tell what it is: a dome takes it away. Light that falls otherwise across the plateau
+/// shows that it is another.
+#[test]
+fn parts_whose_shadow_is_gone_are_known() {
+    let nut = catalogue("hex_nut");
+    let dome = |scene: &mut Scene| {
+        scene.light.diffuse_ratio = 0.95;
+        scene.light.gradient_right_ratio += 0.05;
+    };
+    let recall = recall(&nut, &taught(&nut), dome, 0.0);
+    assert!(recall >= 0.8, "{recall}");
+}
+
 #[test]
 fn parts_much_darker_than_those_taught_are_known_by_their_pattern() {
     let nut = catalogue("hex_nut");
@@ -74,4 +91,22 @@ fn bare_floor_is_no_part_whatever_the_light() {
     let block = catalogue("block");
     let recall = recall(&block, &taught(&block), |scene| lit(scene, 1.03), 0.0);
     assert!(recall >= 0.8, "{recall}");
+}
+
+/// A washer among nuts has as even a picture as a nut has, and half of its contrast.
+#[test]
+fn a_part_that_stands_out_less_than_taught_must_do_so_as_its_like_in_the_frame_do() {
+    let scene = scene(&GROMMET, 2.0);
+    let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
+    let least = detector.sought[0].template.evidence_min;
+    let fit = Fit { centre: Point2::new(0.0, -0.06), yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts: [0.0; MODES] };
+    let recognised = |in_company: bool, evidence_ratio: f32, evidence: f32| {
+        let evidence_per_texel = evidence * least;
+        let found = Found { in_company, evidence_ratio, evidence_per_texel, ..Found::new(0, fit) };
+        is_recognised(&detector, &found, &SelectorConfig::default())
+    };
+    assert!(recognised(true, 0.95, 0.9), "its like are as dim");
+    assert!(!recognised(true, 0.5, 0.9) && recognised(true, 0.5, 1.1));
+    assert!(!recognised(true, 0.2, 1.1), "it is none of them");
+    assert!(!recognised(false, f32::INFINITY, 0.9) && recognised(false, f32::INFINITY, 1.1));
 }
