@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Rotation2, SMatrix, SVector, Vector2};
 
-use super::modes::{self, Amounts, Light, LightAmounts, MODES, added};
+use super::modes::{self, Amounts, Belief, Light, LightAmounts, MODES, added};
 use super::segment::{RELATIVE_UNITS, Segmentation};
 use super::sought::{BARE_BRIGHT_SIGMA, BARE_DARK_SIGMA, BARE_PLAIN_SIGMA, CoarsePoint, Sought, Turn, gradient};
 use super::template::{Aspect, period_rad};
@@ -28,8 +28,6 @@ const TURNED_MIN: f32 = 0.1;
 const SEEN_MIN: f32 = 0.6;
 /// Share of the normal matrix's diagonal added to it, so that what nothing tells about stays as it is.
 const DAMPING: f32 = 1e-3;
-/// By how much shadows differ from the one taught where light falls as it did then, in spreads of their mode.
-const SHADOW_AS_TAUGHT_SPREAD: f32 = 0.1;
 
 /// Where and how a part may lie.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -168,32 +166,6 @@ impl Owners<'_> {
     pub(super) fn taken(&self, index: usize) -> bool {
         let owner = self.of[index];
         owner != 0 && owner != self.own
-    }
-}
-
-/// What is believed of a part before it is fitted.
-#[derive(Clone, Debug)]
-pub(super) struct Belief {
-    /// Middle of each mode's amount, and its spread relative to the usual one.
-    pub middle: Amounts,
-    pub spread: Amounts,
-    /// What the frame adds to each texel of the template; nothing if empty.
-    pub added: Vec<f32>,
-    /// Evidence that the middle one has; 0 if nothing is known of others.
-    pub evidence: f32,
-}
-
-impl Belief {
-    /// That light, surface and lens may be any.
-    pub(super) fn open() -> Self {
-        Self { middle: [0.0; MODES], spread: [1.0; MODES], added: Vec::new(), evidence: 0.0 }
-    }
-
-    /// The same of light that is known to fall as it did when the part was taught: so do shadows.
-    pub(super) fn of_light_as_taught() -> Self {
-        let mut belief = Self::open();
-        belief.spread[modes::SHADOW] = SHADOW_AS_TAUGHT_SPREAD;
-        belief
     }
 }
 

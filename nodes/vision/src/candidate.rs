@@ -215,12 +215,13 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
         return part.lead >= single(config.evidence_lead_min);
     }
     let led = part.lead_ratio.map_or(part.lead >= single(config.evidence_lead_min), |ratio| ratio >= LEAD_RATIO_MIN);
-    let size_off_max = if part.in_company { SIZE_OFF_IN_COMPANY_MAX } else { SIZE_OFF_MAX };
-    let like =
-        part.unlike <= UNLIKE_MAX && size_off(&part.fit.amounts) <= size_off_max && part.evidence_ratio >= WEAK_RATIO;
+    let size_off_max = if part.evidence_ratio.is_some() { SIZE_OFF_IN_COMPANY_MAX } else { SIZE_OFF_MAX };
+    let like = part.unlike <= UNLIKE_MAX
+        && size_off(&part.fit.amounts) <= size_off_max
+        && part.evidence_ratio.is_none_or(|ratio| ratio >= WEAK_RATIO);
     let (miss, evidence) = (part.fit.cost, part.evidence_per_texel);
     let correlates = miss <= UNEXPLAINED_RATIO_MAX * (miss + 2.0 * evidence);
-    let as_others = part.in_company && part.evidence_ratio >= AS_OTHERS_RATIO;
+    let as_others = part.evidence_ratio.is_some_and(|ratio| ratio >= AS_OTHERS_RATIO);
     let strong = evidence >= detector.sought[part.pose].template.evidence_min || as_others && correlates;
     led && like && strong && part.first_cost <= ALONE_COST_MAX
 }

@@ -69,6 +69,8 @@ const CONTRAST_SPREAD: f32 = 0.2;
 const RECESS_SPREAD: f32 = 0.4;
 const BESIDE_SPREAD: f32 = 0.12;
 const SHADOW_SPREAD: f32 = 0.5;
+/// By how much shadows differ from the one taught where light falls as it did then, in spreads of their mode.
+const SHADOW_AS_TAUGHT_SPREAD: f32 = 0.1;
 pub(super) const BLUR_SPREAD_PX2: f32 = 0.3;
 pub(super) const SCALE_SPREAD: f32 = 0.02;
 /// The shade under a part's rim goes as far as this, px.
@@ -76,6 +78,32 @@ const HALO_SPREAD: f32 = 0.12;
 const HALO_PX: f32 = 1.5;
 /// No amount is larger: what needs more is not the part in other light, but another thing.
 pub(super) const AMOUNT_MAX: f32 = 2.5;
+
+/// What is believed of a part before it is fitted.
+#[derive(Clone, Debug)]
+pub(super) struct Belief {
+    /// Middle of each mode's amount, and its spread relative to the usual one.
+    pub middle: Amounts,
+    pub spread: Amounts,
+    /// What the frame adds to each texel of the template; nothing if empty.
+    pub added: Vec<f32>,
+    /// Evidence that the middle one has; 0 if nothing is known of others.
+    pub evidence: f32,
+}
+
+impl Belief {
+    /// That light, surface and lens may be any.
+    pub(super) fn open() -> Self {
+        Self { middle: [0.0; MODES], spread: [1.0; MODES], added: Vec::new(), evidence: 0.0 }
+    }
+
+    /// The same of light that is known to fall as it did when the part was taught: so do shadows.
+    pub(super) fn of_light_as_taught() -> Self {
+        let mut belief = Self::open();
+        belief.spread[SHADOW] = SHADOW_AS_TAUGHT_SPREAD;
+        belief
+    }
+}
 
 /// What a unit of each mode but the shadow's adds to each texel. `inside` tells how far a texel is inside the outline, 0 to 1.
 pub(super) fn effects(

@@ -2,8 +2,8 @@
 
 use nalgebra::Point2;
 
-use super::super::align::{Belief, Fineness, Fit, Owners, refine, residuals, yaw_lead_share};
-use super::super::modes::{self, Amounts, LIGHT_MODES, Light};
+use super::super::align::{Fineness, Fit, Owners, refine, residuals, yaw_lead_share};
+use super::super::modes::{self, Amounts, Belief, LIGHT_MODES, Light};
 use super::super::sought::{FREE_SIGMA, SHADE_SIGMA};
 use super::super::template::period_rad;
 use super::super::view::View;
@@ -26,6 +26,7 @@ const LONE_SPREADS: Amounts = [0.3, 0.3, 0.3, 0.3, 1.0, 1.0, 0.3, 1.0];
 impl Detector {
     /// What the parts of each pose have in common in this frame: light, lens, and what the template does not tell.
     fn beliefs(&self, view: &View, found: &[Found]) -> Vec<Belief> {
+        let open = self.open_belief(view);
         // The same light casts the shadows of all poses.
         let mut shadows: Vec<f32> = found
             .iter()
@@ -45,9 +46,8 @@ impl Detector {
                 .filter(|(_, part)| of_pose(part) && part.fit.evidence >= ALIKE_EVIDENCE_RATIO * usual)
                 .collect();
             if alike.len() < ALIKE_MIN {
-                let open = self.open_belief(view);
                 let spread = std::array::from_fn(|mode| open.spread[mode].min(LONE_SPREADS[mode]));
-                return Belief { spread, ..open };
+                return Belief { spread, ..open.clone() };
             }
             let middle: Amounts = std::array::from_fn(|mode| {
                 if mode == modes::SHADOW {
@@ -123,15 +123,15 @@ impl Detector {
                     let led = |rival: Fit| sought.per_texel(fit.evidence - rival.evidence);
                     part.lead = rival.map_or(f32::INFINITY, led);
                 }
-                part.in_company = belief.evidence > 0.0;
-                part.evidence_ratio = if part.in_company { fit.evidence / belief.evidence } else { f32::INFINITY };
+                part.evidence_ratio = (belief.evidence > 0.0).then(|| fit.evidence / belief.evidence);
                 let unlike = |mode: usize| ((fit.amounts[mode] - belief.middle[mode]) / belief.spread[mode]).abs();
                 part.unlike = (0..LIGHT_MODES).chain([modes::SCALE]).map(unlike).fold(0.0, f32::max);
             }
         }
         for pose in 0..self.sought.len() {
-            let counts =
-                |part: &Found| part.pose == pose && part.in_company && part.fit.cost <= 1.0 && part.lead.is_finite();
+            let counts = |part: &Found| {
+                part.pose == pose && part.evidence_ratio.is_some() && part.fit.cost <= 1.0 && part.lead.is_finite()
+            };
             let mut leads: Vec<f32> = found.iter().filter(|part| counts(part)).map(|part| part.lead).collect();
             if leads.len() < ALIKE_MIN {
                 continue;

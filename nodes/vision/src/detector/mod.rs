@@ -11,9 +11,9 @@ use image::GrayImage;
 use nalgebra::{Isometry2, Point2, Rotation2, Vector2};
 
 use super::ImageFault;
-use super::align::{Belief, Fineness, Fit, NO_PART, Owners, glance, refine};
+use super::align::{Fineness, Fit, NO_PART, Owners, glance, refine};
 use super::health;
-use super::modes::Light;
+use super::modes::{Belief, Light};
 use super::search::{Search, Seed};
 use super::segment::{Plateau, Segmentation, TaughtLight, Uncovered};
 use super::sought::{SHADE_SIGMA, Sought, Turn};
@@ -41,10 +41,8 @@ pub(super) struct Found {
     pub lead: f32,
     /// By how many times what parts of a frame differ by it looks unlike the others in light.
     pub unlike: f32,
-    /// Whether enough others of the pose lie in the frame to tell that.
-    pub in_company: bool,
-    /// Evidence relative to that of the middle one of the others; infinite where there are too few of them.
-    pub evidence_ratio: f32,
+    /// Evidence relative to that of the middle one of the others, where enough of the pose lie in the frame to tell of each other.
+    pub evidence_ratio: Option<f32>,
     /// As [`yaw_lead_share`](super::align::yaw_lead_share) tells of it turned by half a period of its symmetry.
     pub turned: Option<f32>,
     /// The strongest explanation by the same pose at another yaw, and by how much that is led, as it is for `turned`.
@@ -70,8 +68,7 @@ impl Found {
             fit,
             lead: f32::INFINITY,
             unlike: 0.0,
-            in_company: false,
-            evidence_ratio: f32::INFINITY,
+            evidence_ratio: None,
             turned: None,
             yaw_lead: None,
             yaw_rival: None,
@@ -225,7 +222,7 @@ impl Detector {
             }
         }
         if self.light == Light::Any {
-            let as_taught = self.light_differs(&view) == Some(false);
+            let as_taught = self.light_is_as_taught(&view);
             let samples = self.samples(&view, &found, |index| kept[index]);
             self.surrounds = samples
                 .into_iter()
@@ -274,7 +271,7 @@ impl Detector {
 
     /// What is believed of any part in the frame looked at last, before parts have been found.
     pub(super) fn open_belief(&self, view: &View) -> Belief {
-        if self.light_differs(view) == Some(false) { Belief::of_light_as_taught() } else { Belief::open() }
+        if self.light_is_as_taught(view) { Belief::of_light_as_taught() } else { Belief::open() }
     }
 
     /// The fit of a pose that a guess of place and yaw leads to, in the frame looked at last.
@@ -293,10 +290,10 @@ impl Detector {
         self.owners.iter().filter(|owner| **owner != NO_PART).count()
     }
 
-    /// Whether the light in the frame looked at last is another than the one taught; `None` where that cannot be compared.
-    fn light_differs(&self, view: &View) -> Option<bool> {
-        let (plateau_ratio, hub_ratio) = self.light_ratios()?;
-        self.light_change(view).map(|change_ratio| health::light_differs(plateau_ratio, hub_ratio, change_ratio))
+    /// Whether the light in the frame looked at last is known to fall as it did when the part was taught.
+    fn light_is_as_taught(&self, view: &View) -> bool {
+        let compared = self.light_ratios().zip(self.light_change(view));
+        compared.is_some_and(|((plateau, hub), change)| !health::light_differs(plateau, hub, change))
     }
 
     /// How the light in the frame looked at last compares with the one taught: on the plateau, and on the hub's top.

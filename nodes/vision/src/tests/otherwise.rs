@@ -100,13 +100,13 @@ fn a_part_that_stands_out_less_than_taught_must_do_so_as_its_like_in_the_frame_d
     let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
     let least = detector.sought[0].template.evidence_min;
     let fit = Fit { centre: Point2::new(0.0, -0.06), yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts: [0.0; MODES] };
-    let recognised = |in_company: bool, evidence_ratio: f32, evidence: f32| {
+    let recognised = |evidence_ratio: Option<f32>, evidence: f32| {
         let evidence_per_texel = evidence * least;
-        let found = Found { in_company, evidence_ratio, evidence_per_texel, ..Found::new(0, fit) };
+        let found = Found { evidence_ratio, evidence_per_texel, ..Found::new(0, fit) };
         is_recognised(&detector, &found, &SelectorConfig::default())
     };
-    assert!(recognised(true, 0.95, 0.9), "its like are as dim");
-    assert!(!recognised(true, 0.5, 0.9) && recognised(true, 0.5, 1.1));
-    assert!(!recognised(true, 0.2, 1.1), "it is none of them");
-    assert!(!recognised(false, f32::INFINITY, 0.9) && recognised(false, f32::INFINITY, 1.1));
+    assert!(recognised(Some(0.95), 0.9), "its like are as dim");
+    assert!(!recognised(Some(0.5), 0.9) && recognised(Some(0.5), 1.1));
+    assert!(!recognised(Some(0.2), 1.1), "it is none of them");
+    assert!(!recognised(None, 0.9) && recognised(None, 1.1));
 }
