@@ -3,8 +3,8 @@
 use std::f64::consts::TAU;
 
 use feeder_model::geometry::StablePose;
-use feeder_sim::camera::{PartView, Renderer, Scene, TrayShot};
-use feeder_vision::{LaidPart, PartModel, PoseSpec, TeachFrame, TeachSpec, teach};
+use feeder_sim::camera::{AllRound, PartView, Renderer, Scene, TrayShot};
+use feeder_vision::{ALL_ROUND_RAD, LaidPart, PartModel, PoseSpec, TeachFrame, TeachSpec, teach};
 use image::GrayImage;
 use nalgebra::{Isometry2, Point2};
 use rand::{Rng, RngExt};
@@ -14,10 +14,16 @@ use rand::{Rng, RngExt};
 const BARE_FRAMES: usize = 6;
 const FRAMES_OF_ROUND: usize = 16;
 const FRAMES_OF_TURNED: usize = 40;
+/// Pictures of each pose, and of the bare plateau, in each light from all sides: no yaw matters there.
+const FRAMES_OF_LIT: usize = 16;
+const BARE_FRAMES_LIT: usize = 3;
 /// Parts laid for each picture at most.
 const PARTS_PER_FRAME: usize = 9;
 /// Free room round a part that is shown, m: its shadow must fall on no other.
 const ROOM_M: f64 = 0.004;
+
+/// A picture, and the parts laid for it.
+type Shown = (GrayImage, Vec<LaidPart>);
 
 /// Shows the selector pictures of a part, as `scene` yields them with the tray at `platen_from_tray`.
 pub fn taught(
@@ -28,7 +34,7 @@ pub fn taught(
     random: &mut impl Rng,
 ) -> anyhow::Result<PartModel> {
     let mut renderer = Renderer::new(scene)?;
-    let mut shots: Vec<(GrayImage, Vec<LaidPart>)> = Vec::new();
+    let mut shots: Vec<Shown> = Vec::new();
     let mut shoot = |parts: Vec<LaidPart>, random: &mut _| -> anyhow::Result<()> {
         let views: Vec<PartView> = parts.iter().map(|part| view(part, scene)).collect();
         let mut image = GrayImage::default();
@@ -46,8 +52,19 @@ pub fn taught(
             shoot(parts, random)?;
         }
     }
-    let frames: Vec<TeachFrame<'_>> =
-        shots.iter().map(|(image, parts)| TeachFrame { image, platen_from_tray: *platen_from_tray, parts }).collect();
+    let mut lit: [Vec<Shown>; ALL_ROUND_RAD.len()] = std::array::from_fn(|_| Vec::new());
+    for (shots, elevation_rad) in lit.iter_mut().zip(ALL_ROUND_RAD) {
+        let mut ring = AllRound::new(scene, elevation_rad)?;
+        let bare = std::iter::repeat_n(None, BARE_FRAMES_LIT);
+        let shown = poses.iter().enumerate().flat_map(|pose| std::iter::repeat_n(Some(pose), FRAMES_OF_LIT));
+        for pose in bare.chain(shown) {
+            let parts = pose.map_or_else(Vec::new, |(pose, stable)| laid_out(scene, pose, stable, random));
+            let views: Vec<PartView> = parts.iter().map(|part| view(part, scene)).collect();
+            let mut image = GrayImage::default();
+            ring.render(&TrayShot::still(*platen_from_tray), &views, random, &mut image)?;
+            shots.push((image, parts));
+        }
+    }
     let spec = TeachSpec {
         poses: poses
             .iter()
@@ -59,7 +76,14 @@ pub fn taught(
             .collect(),
         contrast_min_levels,
     };
-    Ok(teach(&frames, &scene.camera, &scene.tray, &spec)?)
+    let lit = std::array::from_fn(|light| frames(&lit[light], platen_from_tray));
+    Ok(teach(&frames(&shots, platen_from_tray), &lit, &scene.camera, &scene.tray, &spec)?)
+}
+
+/// Pictures as a lesson takes them.
+fn frames<'a>(shots: &'a [Shown], platen_from_tray: &Isometry2<f64>) -> Vec<TeachFrame<'a>> {
+    let frame = |(image, parts): &'a Shown| TeachFrame { image, platen_from_tray: *platen_from_tray, parts };
+    shots.iter().map(frame).collect()
 }
 
 /// A laid part as the camera sees it.

@@ -251,16 +251,10 @@ fn laid<const UNKNOWNS: usize>(
     fineness: Fineness,
 ) -> Option<Fit> {
     let modes = UNKNOWNS - PLACE_UNKNOWNS;
-    let tray_yaw_rad = view.platen_from_tray.rotation.angle();
-    let slant = view.slant(start.centre, sought.plane_m);
-    let turns = sought.template.yaw_symmetry != 0;
     // Yaws that look the same count as one.
-    let period_rad = period_rad(sought.template.yaw_symmetry);
-    let on_platen_rad = start.yaw_rad + tray_yaw_rad;
-    let folded_rad = if turns { on_platen_rad.rem_euclid(period_rad) } else { 0.0 };
-    let start = Fit { yaw_rad: folded_rad - tray_yaw_rad, ..start };
+    let aspect = sought.aspect(view, &start);
+    let start = Fit { yaw_rad: aspect.yaw_rad - view.platen_from_tray.rotation.angle(), ..start };
     let noise = frame.sigma * frame.sigma;
-    let aspect = Aspect { yaw_rad: folded_rad, slant };
     let probes: Vec<Probe<UNKNOWNS>> = probes(sought, &aspect, noise, owners.beside_sigma, &belief.added, fineness);
     let bare = Bare::new(noise);
     let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
@@ -375,22 +369,15 @@ pub(super) fn yaw_lead_share(
         return None;
     }
     let noise = frame.sigma * frame.sigma;
-    let slant = view.slant(fit.centre, sought.plane_m);
-    let tray_yaw_rad = view.platen_from_tray.rotation.angle();
-    let picture = |fit: &Fit| {
-        let yaw_rad = (fit.yaw_rad + tray_yaw_rad).rem_euclid(period_rad);
-        sought.template.picture(&Aspect { yaw_rad, slant })
-    };
-    let (here, there) = (picture(fit), picture(other));
-    let effects = [&here, &there].map(|picture| sought.effects(picture));
-    let level = |(picture, effects): (&[f32], &[Amounts]), index: usize| {
-        picture[index] + belief.added.get(index).copied().unwrap_or(0.0) + added(&effects[index], &fit.amounts)
-    };
+    // Both as they would be seen in the same place and light.
+    let picture = |yaw_rad: f64| sought.fitted(&sought.aspect(view, &Fit { yaw_rad, ..*fit }), &fit.amounts);
+    let (here, there) = (picture(fit.yaw_rad), picture(other.yaw_rad));
+    let level = |picture: &[f32], index: usize| picture[index] + belief.added.get(index).copied().unwrap_or(0.0);
     let turn = Rotation2::new(fit.yaw_rad - other.yaw_rad);
     let (mut expected, mut count) = (0.0, 0.0_f32);
     for index in &sought.texels {
         let Some(turned) = sought.texel(turn * sought.template.place_m(*index)) else { continue };
-        let difference = level((&here, &effects[0]), *index) - level((&there, &effects[1]), turned);
+        let difference = level(&here, *index) - level(&there, turned);
         let square = difference * difference / (sought.variance(*index, owners.beside_sigma) + noise);
         expected += square.min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
         count += 1.0;
@@ -407,16 +394,11 @@ pub(super) fn residuals(
     fit: &Fit,
     owners: &Owners,
 ) -> Option<Vec<Option<f32>>> {
-    let tray_yaw_rad = view.platen_from_tray.rotation.angle();
-    let period_rad = period_rad(sought.template.yaw_symmetry);
-    let on_platen_rad = fit.yaw_rad + tray_yaw_rad;
-    let folded_rad = if period_rad > 0.0 { on_platen_rad.rem_euclid(period_rad) } else { 0.0 };
-    let aspect = Aspect { yaw_rad: folded_rad, slant: view.slant(fit.centre, sought.plane_m) };
-    let picture = sought.template.picture(&aspect);
-    let effects = sought.effects(&picture);
+    let aspect = sought.aspect(view, fit);
+    let picture = sought.fitted(&aspect, &fit.amounts);
     let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
     let pixel = view.pixel(fit.centre, sought.plane_m)? - corner;
-    let turn = Rotation2::new(folded_rad - tray_yaw_rad);
+    let turn = Rotation2::new(aspect.yaw_rad - view.platen_from_tray.rotation.angle());
     let px_from_part = view.px_from_tray(fit.centre, sought.plane_m)? * turn.matrix();
     let residual = |index: &usize| {
         let place = (pixel + px_from_part * sought.template.place_m(*index)).map(single);
@@ -425,8 +407,7 @@ pub(super) fn residuals(
             return None;
         }
         let shade = sought.template.wall_shade.values()[*index] * frame.wall_shade(pixel);
-        let value = picture[*index] + shade + added(&effects[*index], &fit.amounts);
-        Some(level / RELATIVE_UNITS - value)
+        Some(level / RELATIVE_UNITS - picture[*index] - shade)
     };
     Some(sought.texels.iter().map(residual).collect())
 }
@@ -442,7 +423,7 @@ fn probes<const UNKNOWNS: usize>(
 ) -> Vec<Probe<UNKNOWNS>> {
     let turns = sought.template.yaw_symmetry != 0;
     let picture = sought.template.picture(aspect);
-    let effects = sought.effects(&picture);
+    let effects = sought.effects(&picture, aspect);
     let picture_change = turns.then(|| sought.template.picture_change(aspect));
     let texels_per_px = single(sought.m_per_px / sought.template.texel_m);
     let probe = |index: usize| {
@@ -453,7 +434,7 @@ fn probes<const UNKNOWNS: usize>(
         let turned = picture_change.as_ref().map_or(0.0, |change| change[index]);
         let place_px = (place / sought.m_per_px).map(single);
         let turning = if turns { y * place_px.x - x * place_px.y - turned * inverse_sigma } else { 0.0 };
-        let effect = effects[index];
+        let effect = effects.at(index);
         let mut slope = SVector::<f32, UNKNOWNS>::zeros();
         slope.fixed_rows_mut::<3>(0).copy_from_slice(&[x, y, turning]);
         slope.iter_mut().skip(PLACE_UNKNOWNS).zip(effect).for_each(|(slope, effect)| *slope = effect * inverse_sigma);

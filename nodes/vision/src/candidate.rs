@@ -8,7 +8,7 @@ use super::SelectorConfig;
 use super::detector::{ALIKE_MIN, Detector, Found};
 use super::health::FrameHealth;
 use super::modes::{BLUR, BLUR_SPREAD_PX2, Light, SCALE, SCALE_SPREAD, size_off};
-use super::room::{Lying, Room, measure_room};
+use super::room::{Lying, Pictured, Room, measure_room};
 use super::view::View;
 use feeder_model::camera::{MountedTray, single};
 
@@ -39,8 +39,6 @@ const UNEXPLAINED_RATIO_MAX: f32 = 0.1;
 /// It must stand out as much as this, of what the middle one of its like in the frame does: light lets all stand out less. Seen of
 /// parts 0.9 to 1.15, and of a washer among nuts 0.5.
 const AS_OTHERS_RATIO: f32 = 0.7;
-/// A part that stands out by less than this, of that, is none of them.
-const WEAK_RATIO: f32 = 0.3;
 
 /// A part as one frame shows it, in the tray frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,7 +108,9 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
             on_plateau: is_on_plateau(&outline, &detector.tray, m_per_px),
         });
         let yaw_rad = if turns { yaw_rad } else { 0.0 };
-        lying.push(Lying { pose: part.pose, centre, yaw_rad, outline });
+        let fitted = (detector.light == Light::Any).then_some(&part.fit);
+        let pictured = fitted.and_then(|fit| Pictured::new(detector, view, part.pose, fit));
+        lying.push(Lying { pose: part.pose, centre, yaw_rad, outline, pictured });
     }
     let room = measure_room(detector, view, &lying);
     for (index, candidate) in candidates.iter_mut().enumerate() {
@@ -216,9 +216,7 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
     }
     let led = part.lead_ratio.map_or(part.lead >= single(config.evidence_lead_min), |ratio| ratio >= LEAD_RATIO_MIN);
     let size_off_max = if part.evidence_ratio.is_some() { SIZE_OFF_IN_COMPANY_MAX } else { SIZE_OFF_MAX };
-    let like = part.unlike <= UNLIKE_MAX
-        && size_off(&part.fit.amounts) <= size_off_max
-        && part.evidence_ratio.is_none_or(|ratio| ratio >= WEAK_RATIO);
+    let like = part.unlike <= UNLIKE_MAX && size_off(&part.fit.amounts) <= size_off_max;
     let (miss, evidence) = (part.fit.cost, part.evidence_per_texel);
     let correlates = miss <= UNEXPLAINED_RATIO_MAX * (miss + 2.0 * evidence);
     let as_others = part.evidence_ratio.is_some_and(|ratio| ratio >= AS_OTHERS_RATIO);

@@ -1,10 +1,12 @@
 //! The room round parts: how far it is from their outlines to each other, and to whatever else stands out from the plateau.
 
-use nalgebra::Point2;
+use nalgebra::{Matrix2, Point2, Rotation2, Vector2};
 
+use super::align::Fit;
 use super::detector::Detector;
-use super::modes::Light;
+use super::modes::{Light, without_beside};
 use super::segment::Uncovered;
+use super::sought::Sought;
 use super::surround::DISTANCES;
 use super::view::View;
 use feeder_model::geometry::apart::{distance_m, gap_m};
@@ -47,6 +49,38 @@ pub(super) struct Lying {
     pub centre: Point2<f64>,
     pub yaw_rad: f64,
     pub outline: Vec<Point2<f64>>,
+    /// How it was seen, where light and lens were fitted too.
+    pub pictured: Option<Pictured>,
+}
+
+/// A part's picture as it was fitted, laid over the window: beside the outline it tells the part's own walls and shadow. That all round
+/// it is darker is not believed, for that a thing beside it may have told.
+pub(super) struct Pictured {
+    picture: Vec<f32>,
+    middle: Point2<f64>,
+    part_from_px: Matrix2<f64>,
+}
+
+impl Pictured {
+    /// `None` where the place is out of the camera's sight.
+    pub(super) fn new(detector: &Detector, view: &View, pose: usize, fit: &Fit) -> Option<Self> {
+        let sought = &detector.sought[pose];
+        let window = detector.segmentation.window;
+        let aspect = sought.aspect(view, fit);
+        let turn = Rotation2::new(view.platen_from_tray.rotation.angle() - aspect.yaw_rad);
+        let tray_from_px = view.px_from_tray(fit.centre, sought.plane_m)?.try_inverse()?;
+        Some(Self {
+            picture: sought.fitted(&aspect, &without_beside(&fit.amounts)),
+            middle: view.pixel(fit.centre, sought.plane_m)? - Vector2::new(window.left as f64, window.top as f64),
+            part_from_px: turn.matrix() * tray_from_px,
+        })
+    }
+
+    /// Its brightness at a pixel of the window, relative to the plateau's; 0 beyond the picture.
+    fn level(&self, sought: &Sought, column: usize, row: usize) -> f32 {
+        let place = self.part_from_px * (Point2::new(column as f64, row as f64) - self.middle);
+        sought.texel(place).map_or(0.0, |texel| self.picture[texel])
+    }
 }
 
 /// Measures the room round parts.
@@ -77,9 +111,13 @@ pub(super) fn measure_room(detector: &Detector, view: &View, parts: &[Lying]) ->
         let is_near = |part: &Lying| (part.centre - place).norm() < reach_m(part.pose).max(NEAR_M);
         let near: Vec<usize> = (0..parts.len()).filter(|index| is_near(&parts[*index])).collect();
         let range = |index: &usize| {
-            let Lying { pose, centre, yaw_rad, .. } = parts[*index];
+            let Lying { pose, centre, yaw_rad, ref pictured, .. } = parts[*index];
             let sought = &detector.sought[pose];
-            detector.surrounds[pose].range(view, sought, (centre, yaw_rad), place, detector.light.scatters())
+            let scatters = detector.light.scatters();
+            let (low, high) = detector.surrounds[pose].range(view, sought, (centre, yaw_rad), place, scatters);
+            let (column, row) = (pixel % frame.window.width, pixel / frame.window.width);
+            let level = pictured.as_ref().map_or(0.0, |pictured| pictured.level(sought, column, row));
+            (low.min(level), high.max(level))
         };
         // What is a part's own is in the way of none. Shades add up, where they are known exactly.
         let together = |(low, high): (f32, f32), (lower, higher): (f32, f32)| match detector.light {

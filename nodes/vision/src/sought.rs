@@ -1,12 +1,13 @@
 //! A taught pose made ready to be looked for at the scale of a camera.
 
-use std::borrow::Cow;
 use std::f64::consts::TAU;
 
 use nalgebra::{Matrix2, Point2, Rotation2, SMatrix, SVector, Vector2};
 
-use super::modes::{self, Amounts, LIGHT_MODES, Light, LightAmounts, MODES};
-use super::template::{Aspect, PoseTemplate};
+use super::align::Fit;
+use super::modes::{self, Amounts, Effects, EffectsOn, LIGHT_MODES, Light, LightAmounts};
+use super::template::{Aspect, PoseTemplate, period_rad};
+use super::view::View;
 use feeder_model::camera::{CameraModel, MountedTray, single};
 use feeder_model::geometry::apart::signed_distance_m;
 
@@ -103,14 +104,12 @@ pub(super) struct Sought {
     pub noise_miss: f32,
     /// For each texel how far outside the outline it lies, m; below 0 inside.
     pub outside_m: Vec<f32>,
-    /// The same in pixels.
-    outside_px: Vec<f32>,
     /// For each texel the share of it that shows the part and not what lies beside, 0 to 1, as sharp as the lens is.
     pub inside: Vec<f32>,
     /// Variance by which each texel misses because edges are where they are, and as sharp as they are, only about.
     pub edge_variance: Vec<f32>,
-    /// What light and lens may add to each texel, whatever the yaw.
-    effects: Vec<Amounts>,
+    /// What light and lens may add to each texel.
+    effects: Effects,
     /// The outline, round ones with fewer corners than the drawing has, m.
     pub outline_m: Vec<Point2<f64>>,
     /// Greatest distance of the outline from the centre, m.
@@ -136,8 +135,7 @@ impl Sought {
             noise_miss: 0.0,
             outside_m: outside_m(template),
             inside: Vec::new(),
-            outside_px: Vec::new(),
-            effects: Vec::new(),
+            effects: Effects::none(0),
             edge_variance: Vec::new(),
             outline_m: template.outline_m.clone(),
             radius_m,
@@ -146,7 +144,6 @@ impl Sought {
         let edge_m = single(2.0 * EDGE_PX * m_per_px);
         sought.inside = sought.outside_m.iter().map(|outside_m| (0.5 - outside_m / edge_m).clamp(0.0, 1.0)).collect();
         let texels_per_px = single(m_per_px / template.texel_m);
-        sought.outside_px = sought.outside_m.iter().map(|outside_m| outside_m / single(m_per_px)).collect();
         let mean = template.mean();
         let edge = |index: usize| {
             let (x, y) = gradient(&mean, template.side(), index);
@@ -154,8 +151,8 @@ impl Sought {
         };
         sought.edge_variance = (0..mean.len()).map(edge).collect();
         sought.effects = match light {
-            Light::Taught => vec![[0.0; MODES]; mean.len()],
-            Light::Any => modes::effects(template, &mean, &sought.inside, &sought.outside_px, texels_per_px),
+            Light::Taught => Effects::none(mean.len()),
+            Light::Any => Effects::new(template, &mean, &sought.inside, texels_per_px),
         };
         sought.texels = sought.within(RIM_PX * m_per_px);
         let all = sought.texels.len() as f32;
@@ -192,7 +189,9 @@ impl Sought {
     }
 
     fn turn(&self, yaw_rad: f64, slant: Vector2<f64>, image_from_platen: &Matrix2<f64>) -> Turn {
-        let picture = self.template.picture(&Aspect { yaw_rad, slant });
+        let aspect = Aspect { yaw_rad, slant };
+        let picture = self.template.picture(&aspect);
+        let effects = self.effects(&picture, &aspect);
         let into_part = Rotation2::new(-yaw_rad) * image_from_platen.transpose() * self.m_per_px;
         let rim_m = single(0.5 * RIM_PX * self.m_per_px);
         let reach = ((self.radius_m / self.m_per_px) + 2.0).ceil();
@@ -212,7 +211,7 @@ impl Sought {
                         column,
                         row,
                         value,
-                        effect: modes::of_light(&self.effects[index]),
+                        effect: modes::of_light(&effects.at(index)),
                         wall_shade,
                         variance,
                         inverse_sigma,
@@ -232,14 +231,28 @@ impl Sought {
     }
 
     /// What light and lens may add to each texel of a picture of the part under some aspect.
-    pub(super) fn effects(&self, picture: &[f32]) -> Cow<'_, [Amounts]> {
-        if self.light == Light::Taught {
-            return Cow::Borrowed(&self.effects);
+    pub(super) fn effects(&self, picture: &[f32], aspect: &Aspect) -> EffectsOn<'_> {
+        match self.light {
+            Light::Taught => self.effects.as_taught(),
+            Light::Any => self.effects.on(&self.template, picture, aspect),
         }
-        let mut effects = self.effects.clone();
-        let shadow = modes::of_shadow(picture, &self.inside, &self.outside_px);
-        effects.iter_mut().zip(shadow).for_each(|(effect, shadow)| effect[modes::SHADOW] = shadow);
-        Cow::Owned(effects)
+    }
+
+    /// How the part is seen where it lies as fitted, its yaw within a period of its symmetry.
+    pub(super) fn aspect(&self, view: &View, fit: &Fit) -> Aspect {
+        let period_rad = period_rad(self.template.yaw_symmetry);
+        let on_platen_rad = fit.yaw_rad + view.platen_from_tray.rotation.angle();
+        let yaw_rad = if period_rad > 0.0 { on_platen_rad.rem_euclid(period_rad) } else { 0.0 };
+        Aspect { yaw_rad, slant: view.slant(fit.centre, self.plane_m) }
+    }
+
+    /// The picture of the part as fitted, with what light and lens have made of it.
+    pub(super) fn fitted(&self, aspect: &Aspect, amounts: &Amounts) -> Vec<f32> {
+        let mut picture = self.template.picture(aspect);
+        let effects = self.effects(&picture, aspect);
+        let added: Vec<f32> = (0..picture.len()).map(|texel| effects.added(texel, amounts)).collect();
+        picture.iter_mut().zip(added).for_each(|(level, added)| *level += added);
+        picture
     }
 
     /// Mean square miss in the latest frame up to which the template holds.
@@ -332,7 +345,7 @@ impl Sought {
                 shade += wall_shade[index];
                 square += deviation[index] * deviation[index];
                 within += f32::from(u8::from(self.outside_m[index] <= 0.0));
-                effect.iter_mut().zip(self.effects[index]).for_each(|(sum, effect)| *sum += effect);
+                effect.iter_mut().zip(self.effects.of_light(index)).for_each(|(sum, effect)| *sum += effect);
                 count += 1.0;
             }
             let count = count.max(1.0);

@@ -95,6 +95,36 @@ impl TryFrom<Vec<String>> for Plane {
     }
 }
 
+/// How high over the platen lights from all sides stand for which a part's pictures are taught, rad: between them they make light of
+/// any height, and of all, as a dome does.
+pub const ALL_ROUND_RAD: [f64; 3] = [1.36, 0.79, 0.42];
+
+/// Most lights other than the one taught in which a part is known.
+pub(super) const LIGHTS_MAX: usize = ALL_ROUND_RAD.len() + 1;
+
+/// What a part looks like in another light.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LitPicture {
+    /// Seen from straight above: at yaws over a period, as the template is, or one where no yaw matters.
+    pub at_yaws: Vec<Plane>,
+    /// What the slant (a, b) of the line of sight adds, in units of 0.1: times a, b, a², ab and b².
+    pub slant: [Plane; SLANT_PLANES],
+}
+
+impl LitPicture {
+    /// Mean over all yaws, seen from straight above.
+    pub(super) fn mean(&self) -> Vec<f32> {
+        mean(&self.at_yaws)
+    }
+
+    fn picture(&self, aspect: &Aspect, symmetry: u32) -> Vec<f32> {
+        let factors = aspect.factors(symmetry, self.at_yaws.len().saturating_sub(1));
+        let at_yaws = self.at_yaws[factors.first..].iter().zip(factors.at_yaws);
+        weighted(at_yaws.chain(self.slant.iter().zip(factors.slant)))
+    }
+}
+
 /// A taught resting pose.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -129,8 +159,9 @@ pub struct PoseTemplate {
     pub evidence_min: f32,
     /// Standard deviation about all that.
     pub deviation: Plane,
-    /// How far below the surface a texel may lie, 0 to 1: recesses are dark under one light and lit under another.
-    pub recess: Plane,
+    /// The part as drawn in other lights: in those that fall alike from all sides, steep, middling and low ([`ALL_ROUND_RAD`]), and,
+    /// where it was taught from pictures, in the light in which it was drawn.
+    pub lights: Vec<LitPicture>,
     /// Brightness of what parts have round them, relative to the plateau's: for each pixel of distance from the outline a row
     /// of directions on the platen.
     pub surround: Plane,
@@ -207,6 +238,25 @@ impl Aspect {
     }
 }
 
+/// The sum of pictures times factors.
+fn weighted<'a>(planes: impl Iterator<Item = (&'a Plane, f64)>) -> Vec<f32> {
+    let mut sums = Vec::new();
+    for (plane, factor) in planes {
+        let factor = single(factor);
+        sums.resize(plane.values.len(), 0.0);
+        for (sum, value) in sums.iter_mut().zip(&plane.values) {
+            *sum += factor * value;
+        }
+    }
+    sums
+}
+
+/// The mean of pictures.
+fn mean(planes: &[Plane]) -> Vec<f32> {
+    let share = 1.0 / planes.len().max(1) as f64;
+    weighted(planes.iter().map(|plane| (plane, share)))
+}
+
 impl PoseTemplate {
     /// Texels along a side.
     pub(super) fn side(&self) -> usize {
@@ -232,14 +282,7 @@ impl PoseTemplate {
 
     /// Mean over all yaws, seen from straight above.
     pub(super) fn mean(&self) -> Vec<f32> {
-        let share = 1.0 / self.at_yaws.len().max(1) as f32;
-        let mut mean = vec![0.0; self.deviation.values.len()];
-        for plane in &self.at_yaws {
-            for (sum, value) in mean.iter_mut().zip(&plane.values) {
-                *sum += share * value;
-            }
-        }
-        mean
+        mean(&self.at_yaws)
     }
 
     /// Place of a texel in the part's directions, m.
@@ -247,7 +290,7 @@ impl PoseTemplate {
         texel_place_m(index, self.side(), self.texel_m)
     }
 
-    fn slant_planes(&self) -> [&Plane; SLANT_PLANES] {
+    pub(super) fn slant_planes(&self) -> [&Plane; SLANT_PLANES] {
         [&self.slant_x, &self.slant_y, &self.slant_xx, &self.slant_xy, &self.slant_yy]
     }
 
@@ -269,15 +312,12 @@ impl PoseTemplate {
     }
 
     fn sum(&self, first: usize, at_yaws: [f64; 2], slant: [f64; SLANT_PLANES]) -> Vec<f32> {
-        let mut picture = vec![0.0; self.deviation.values.len()];
-        let planes = self.at_yaws[first..].iter().zip(at_yaws);
-        for (plane, factor) in planes.chain(self.slant_planes().into_iter().zip(slant)) {
-            let factor = single(factor);
-            for (sum, value) in picture.iter_mut().zip(&plane.values) {
-                *sum += factor * value;
-            }
-        }
-        picture
+        weighted(self.at_yaws[first..].iter().zip(at_yaws).chain(self.slant_planes().into_iter().zip(slant)))
+    }
+
+    /// The picture expected under an aspect in each of the other lights.
+    pub(super) fn in_other_lights(&self, aspect: &Aspect) -> impl Iterator<Item = Vec<f32>> {
+        self.lights.iter().map(move |lit| lit.picture(aspect, self.yaw_symmetry))
     }
 
     /// Checks every number.
@@ -319,7 +359,20 @@ impl PoseTemplate {
             yaws as f64,
             "1 picture without a yaw, 2 to 64 with one",
         )?;
-        for plane in self.slant_planes().into_iter().chain([&self.wall_shade, &self.recess]).chain(&self.at_yaws) {
+        let lights = self.lights.len();
+        OutOfRange::unless(
+            (ALL_ROUND_RAD.len()..=LIGHTS_MAX).contains(&lights),
+            "part_model.poses.lights",
+            lights as f64,
+            "3 or 4 lights",
+        )?;
+        for lit in &self.lights {
+            let yaws_ok = lit.at_yaws.len() == 1 || lit.at_yaws.len() == yaws;
+            let (yaws, allowed) = (lit.at_yaws.len() as f64, "one picture, or as many as the template's");
+            OutOfRange::unless(yaws_ok, "part_model.poses.lights.at_yaws", yaws, allowed)?;
+        }
+        let lit = self.lights.iter().flat_map(|lit| lit.slant.iter().chain(&lit.at_yaws));
+        for plane in self.slant_planes().into_iter().chain([&self.wall_shade]).chain(&self.at_yaws).chain(lit) {
             OutOfRange::unless(plane.is_square(side), "part_model.poses", plane.width as f64, "pictures of one size")?;
         }
         let reach_m = self.outline_m.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max);

@@ -2,8 +2,10 @@
 //!
 //! [`CameraModel`](feeder_model::camera::CameraModel) maps platen points to pixels and back; it is all that the selector knows.
 //! [`Renderer`] takes the picture: platen, tray and parts under a light, through the lens, with sensor noise.
+//! [`AllRound`] takes it under a ring of lamps instead.
 //! [`codec`] turns pictures into JPEG and back.
 
+mod all_round;
 mod appearance;
 pub mod codec;
 mod light;
@@ -17,6 +19,7 @@ mod surfaces;
 mod tile;
 mod tray;
 
+pub use all_round::AllRound;
 pub use appearance::TrayAppearance;
 pub use light::LightModel;
 pub use render::Renderer;

@@ -105,7 +105,7 @@ mod tests {
     use rand_pcg::Pcg64Mcg;
 
     use super::*;
-    use crate::camera::{LightModel, PartSolid, SensorModel, TrayAppearance};
+    use crate::camera::{AllRound, LightModel, PartSolid, SensorModel, TrayAppearance};
     use feeder_model::camera::{CameraPose, CameraSpec, Distortion};
     use feeder_model::tray::TrayGeometry;
 
@@ -209,6 +209,33 @@ mod tests {
         let (toward, away) =
             (seen(BOSS_UP, 0.003 * cos, 0.003 * sin, 0.0), seen(BOSS_UP, -0.003 * cos, -0.003 * sin, 0.0));
         assert!(toward > away + 5.0, "toward the lamp {toward}, away {away}");
+    }
+
+    #[test]
+    fn under_a_ring_of_lamps_shadows_fall_to_all_sides_alike() {
+        let scene = scene("grommet", 0.0);
+        let view = part(0.05, 4.5, BOSS_UP);
+        // Right under the camera no line of sight is slanted.
+        let shot = TrayShot::still(Isometry2::new(Vector2::new(0.3 - view.x_m, 0.3 - view.y_m), 0.0));
+        let by_ring = |parts: &[PartView]| {
+            let mut image = GrayImage::default();
+            let mut ring = AllRound::new(&scene, 0.6).unwrap();
+            ring.render(&shot, parts, &mut Pcg64Mcg::seed_from_u64(1), &mut image).unwrap();
+            image
+        };
+        // By how much more it is darker beside the part on one side than on another.
+        let uneven = |bare: &GrayImage, laid: &GrayImage| {
+            let beside = |turns: f64| {
+                let (sin, cos) = (std::f64::consts::TAU * turns / 8.0).sin_cos();
+                let point = Point3::new(view.x_m + 0.003 * cos, view.y_m + 0.003 * sin, view.z_m);
+                level(&scene, bare, &shot, point) - level(&scene, laid, &shot, point)
+            };
+            let all: Vec<f64> = (0..8).map(|index| beside(f64::from(index))).collect();
+            all.iter().copied().fold(f64::NEG_INFINITY, f64::max) - all.iter().copied().fold(f64::INFINITY, f64::min)
+        };
+        let by_lamp = uneven(&picture(&scene, &shot, &[]), &picture(&scene, &shot, &[view]));
+        let by_ring = uneven(&by_ring(&[]), &by_ring(&[view]));
+        assert!(by_lamp > 10.0 && by_ring < 0.5 * by_lamp, "one lamp {by_lamp}, a ring {by_ring}");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use nalgebra::Point2;
 
 use super::super::align::{Fineness, Fit, Owners, refine, residuals, yaw_lead_share};
-use super::super::modes::{self, Amounts, Belief, LIGHT_MODES, Light};
+use super::super::modes::{self, Amounts, Belief, Light, MODES};
 use super::super::sought::{FREE_SIGMA, SHADE_SIGMA};
 use super::super::template::period_rad;
 use super::super::view::View;
@@ -20,20 +20,21 @@ const ADAPTED_MIN: usize = 6;
 /// A rival explanation that is led by less than this, per texel, is as good.
 const LEAD_MIN: f32 = 0.05;
 /// What parts under one light differ by among each other at least, in spreads of the modes; and a part alone from the one taught.
-const PART_SPREADS: Amounts = [0.3, 0.2, 0.12, 0.4, 1.0, 1.0, 0.5, 0.3];
-const LONE_SPREADS: Amounts = [0.3, 0.3, 0.3, 0.3, 1.0, 1.0, 0.3, 1.0];
+const PART_SPREADS: Amounts = [0.3, 0.2, 0.4, 0.1, 0.1, 0.1, 0.1, 1.0, 0.5];
+const LONE_SPREADS: Amounts = [0.3, 0.3, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3];
+/// Where parts seem to differ by more than so many times that, things of another kind are among them.
+const PART_SPREADS_RATIO_MAX: f32 = 2.0;
 
 impl Detector {
     /// What the parts of each pose have in common in this frame: light, lens, and what the template does not tell.
     fn beliefs(&self, view: &View, found: &[Found]) -> Vec<Belief> {
         let open = self.open_belief(view);
-        // The same light casts the shadows of all poses.
-        let mut shadows: Vec<f32> = found
-            .iter()
-            .filter(|part| part.fit.cost <= ALIKE_COST_MAX)
-            .map(|part| part.fit.amounts[modes::SHADOW])
-            .collect();
-        let shadow = median(&mut shadows);
+        // The same light falls on all poses.
+        let mut lights = [0.0; MODES];
+        for mode in modes::OTHER_LIGHTS {
+            let fits = found.iter().map(|part| part.fit).filter(|fit| fit.cost <= ALIKE_COST_MAX);
+            lights[mode] = median(&mut fits.map(|fit| fit.amounts[mode]).collect::<Vec<f32>>());
+        }
         let belief = |pose: usize| {
             let sought = &self.sought[pose];
             let of_pose = |part: &Found| part.pose == pose && part.fit.cost <= ALIKE_COST_MAX;
@@ -50,8 +51,8 @@ impl Detector {
                 return Belief { spread, ..open.clone() };
             }
             let middle: Amounts = std::array::from_fn(|mode| {
-                if mode == modes::SHADOW {
-                    return shadow;
+                if modes::OTHER_LIGHTS.contains(&mode) {
+                    return lights[mode];
                 }
                 let mut amounts: Vec<f32> = alike.iter().map(|(_, part)| part.fit.amounts[mode]).collect();
                 median(&mut amounts)
@@ -77,9 +78,12 @@ impl Detector {
                 }
             }
             let spread = std::array::from_fn(|mode| {
+                if modes::OTHER_LIGHTS.contains(&mode) {
+                    return PART_SPREADS[mode];
+                }
                 let mut aside: Vec<f32> =
                     alike.iter().map(|(_, part)| (part.fit.amounts[mode] - middle[mode]).abs()).collect();
-                median(&mut aside).max(PART_SPREADS[mode])
+                median(&mut aside).clamp(PART_SPREADS[mode], PART_SPREADS_RATIO_MAX * PART_SPREADS[mode])
             });
             Belief { middle, spread, added, evidence: usual }
         };
@@ -125,7 +129,10 @@ impl Detector {
                 }
                 part.evidence_ratio = (belief.evidence > 0.0).then(|| fit.evidence / belief.evidence);
                 let unlike = |mode: usize| ((fit.amounts[mode] - belief.middle[mode]) / belief.spread[mode]).abs();
-                part.unlike = (0..LIGHT_MODES).chain([modes::SCALE]).map(unlike).fold(0.0, f32::max);
+                part.unlike = (0..modes::OTHER_LIGHTS.start).chain([modes::SCALE]).map(unlike).fold(0.0, f32::max);
+            } else if self.light == Light::Any {
+                // What fits only in a light that is not the frame's is nothing.
+                part.fit.evidence = f32::NEG_INFINITY;
             }
         }
         for pose in 0..self.sought.len() {

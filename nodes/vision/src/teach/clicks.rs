@@ -12,7 +12,7 @@ use super::super::modes::Light;
 use super::super::template::PartModel;
 use super::super::view::View;
 use super::exam::Exam;
-use super::{LaidPart, PoseSpec, TeachError, TeachFrame, TeachSpec, learn};
+use super::{Known, LaidPart, PoseSpec, TeachError, TeachFrame, TeachSpec, learn};
 use feeder_model::camera::{CameraModel, MountedTray};
 use feeder_model::range::OutOfRange;
 
@@ -247,7 +247,7 @@ pub fn teach_from_clicks(
             parts: &[],
         });
         let frames: Vec<TeachFrame> = bare.chain(shown).collect();
-        let mut model = learn(&frames, camera, tray, &spec, Some(drawn))?;
+        let mut model = learn(&frames, camera, tray, &spec, &Known::Drawn(drawn))?;
         if round > ROUNDS {
             Exam { frames: &frames, camera, tray, spec: &spec }.complete(&mut model)?;
             return Ok(ClickLesson { model, fits });

@@ -11,7 +11,9 @@ use serde::{Deserialize, Serialize};
 
 use super::modes::Light;
 use super::segment::{Plateau, PlateauSums, RADIAL_BINS, RELATIVE_UNITS, Segmentation, TaughtLight, hub_level};
-use super::template::{Aspect, PartModel, Plane, SIDE_MAX, period_rad, texel_place_m};
+use super::template::{
+    ALL_ROUND_RAD, Aspect, LitPicture, PartModel, Plane, SIDE_MAX, period_rad, texel_place_m, yaw_steps,
+};
 use super::view::{RayTable, View};
 use super::{ImageFault, require_above};
 pub use clicks::{
@@ -145,7 +147,8 @@ pub enum TeachError {
     },
 }
 
-/// Learns a part from pictures of it lying free on the plateau, and of the bare plateau.
+/// Learns a part from pictures of it lying free on the plateau, and of the bare plateau. `all_round` are the same in each of the
+/// lights from all sides that [`ALL_ROUND_RAD`] names.
 ///
 /// # Errors
 ///
@@ -153,6 +156,7 @@ pub enum TeachError {
 /// apart.
 pub fn teach(
     frames: &[TeachFrame],
+    all_round: &[Vec<TeachFrame>; ALL_ROUND_RAD.len()],
     camera: &CameraModel,
     tray: &MountedTray,
     spec: &TeachSpec,
@@ -166,7 +170,7 @@ pub fn teach(
         let radius_ok = pose.radius_m() > 0.0 && side <= SIDE_MAX as f64;
         OutOfRange::unless(radius_ok, "teach.poses.outline_m", pose.radius_m(), "a reach above 0, and at most 75 px")?;
     }
-    for part in frames.iter().flat_map(|frame| frame.parts) {
+    for part in frames.iter().chain(all_round.iter().flatten()).flat_map(|frame| frame.parts) {
         OutOfRange::unless(
             part.pose < spec.poses.len(),
             "teach.parts.pose",
@@ -174,14 +178,22 @@ pub fn teach(
             "an index of teach.poses",
         )?;
     }
-    let mut model = learn(frames, camera, tray, spec, None)?;
+    let mut lit: Vec<Vec<LitPicture>> = vec![Vec::new(); spec.poses.len()];
+    for frames in all_round {
+        let mut lesson = Lesson::new(camera, tray, spec);
+        let (_, plateau) = lesson.plateau(frames)?;
+        for (pose, views) in lesson.views(frames, &plateau)?.iter().enumerate() {
+            lit[pose].push(lesson.all_round(pose, views)?);
+        }
+    }
+    let mut model = learn(frames, camera, tray, spec, &Known::AllRound(&lit))?;
     let mut laid: Vec<Vec<LaidPart>> = frames.iter().map(|frame| frame.parts.to_vec()).collect();
     for _ in 0..LABEL_ROUNDS {
         let Some(fitted) = labels::fitted(frames, &laid, &model, camera, tray, spec)? else { break };
         laid = fitted;
         let frames: Vec<TeachFrame> =
             frames.iter().zip(&laid).map(|(frame, parts)| TeachFrame { parts, ..*frame }).collect();
-        model = learn(&frames, camera, tray, spec, None)?;
+        model = learn(&frames, camera, tray, spec, &Known::AllRound(&lit))?;
     }
     let frames: Vec<TeachFrame> =
         frames.iter().zip(&laid).map(|(frame, parts)| TeachFrame { parts, ..*frame }).collect();
@@ -189,15 +201,23 @@ pub fn teach(
     Ok(model)
 }
 
-/// The templates, without what an exam tells about them; beside a drawn model only what differs from that is learned.
+/// What is known of a part before its templates are learned.
+enum Known<'a> {
+    /// What each pose looks like in lights from all sides.
+    AllRound(&'a [Vec<LitPicture>]),
+    /// All that a drawing shows: only what differs from it is learned.
+    Drawn(&'a PartModel),
+}
+
+/// The templates, without what an exam tells about them.
 fn learn(
     frames: &[TeachFrame],
     camera: &CameraModel,
     tray: &MountedTray,
     spec: &TeachSpec,
-    drawn: Option<&PartModel>,
+    known: &Known,
 ) -> Result<PartModel, TeachError> {
-    let mut lesson = Lesson { camera, tray, rays: RayTable::new(camera), segmentation: Segmentation::default(), spec };
+    let mut lesson = Lesson::new(camera, tray, spec);
     let (taught, plateau) = lesson.plateau(frames)?;
     let mut model = PartModel {
         plateau_light: taught.light,
@@ -206,7 +226,8 @@ fn learn(
         plateau_shade: shade_plane(&plateau),
         poses: Vec::new(),
     };
-    for (drawn, spec) in drawn.iter().flat_map(|drawn| &drawn.poses).zip(&spec.poses) {
+    let drawn = if let Known::Drawn(drawn) = known { &drawn.poses[..] } else { &[] };
+    for (drawn, spec) in drawn.iter().zip(&spec.poses) {
         let (found_m, side) = (drawn.texel_m, drawn.side());
         let (expected_m, expected_side) = (lesson.texel_m(), lesson.side(spec));
         if (found_m / expected_m - 1.0).abs() > 1e-6 || side != expected_side {
@@ -215,7 +236,12 @@ fn learn(
     }
     let views = lesson.views(frames, &plateau)?;
     for (pose, views) in views.iter().enumerate() {
-        model.poses.push(lesson.template(pose, views, drawn.map(|drawn| &drawn.poses[pose]))?);
+        let steps = yaw_steps(spec.poses[pose].yaw_symmetry);
+        let mut template = lesson.template(pose, views, steps, drawn.get(pose))?;
+        if let Known::AllRound(lit) = known {
+            template.lights.clone_from(&lit[pose]);
+        }
+        model.poses.push(template);
     }
     model.validate()?;
     Ok(model)
@@ -245,7 +271,11 @@ struct Lesson<'a> {
     spec: &'a TeachSpec,
 }
 
-impl Lesson<'_> {
+impl<'a> Lesson<'a> {
+    fn new(camera: &'a CameraModel, tray: &'a MountedTray, spec: &'a TeachSpec) -> Self {
+        Self { camera, tray, rays: RayTable::new(camera), segmentation: Segmentation::default(), spec }
+    }
+
     fn look(&mut self, frame: &TeachFrame, index: usize, plateau: &Plateau) -> Result<(), TeachError> {
         let fault = |source| TeachError::Frame { index, source };
         let expected = (self.camera.width_px(), self.camera.height_px());

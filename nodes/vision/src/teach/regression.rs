@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, Point2};
 
 use super::super::surround::{DIRECTIONS, DISTANCES};
-use super::super::template::{Factors, Plane, PoseTemplate, SLANT_PLANES, texel_place_m, yaw_steps};
+use super::super::template::{Factors, LIGHTS_MAX, LitPicture, Plane, PoseTemplate, SLANT_PLANES, texel_place_m};
 use super::{Lesson, SHOWN_MIN, Seen, TeachError, Texel};
 use feeder_model::camera::single;
 use feeder_model::geometry::apart::distance_m;
@@ -22,11 +22,12 @@ const DRAWN_VIEWS: f64 = 4.0;
 const DRAWN_SHOWN: f64 = 0.2;
 
 impl Lesson<'_> {
-    /// The template of a pose by least squares, texel by texel.
+    /// The template of a pose by least squares, texel by texel, with so many steps of yaw.
     pub(super) fn template(
         &self,
         pose: usize,
         views: &[Seen],
+        steps: usize,
         drawn: Option<&PoseTemplate>,
     ) -> Result<PoseTemplate, TeachError> {
         let too_few = TeachError::TooFew { pose, shown: views.len() };
@@ -37,7 +38,6 @@ impl Lesson<'_> {
         }
         let spec = &self.spec.poses[pose];
         let side = self.side(spec);
-        let steps = yaw_steps(spec.yaw_symmetry);
         let drawn_planes: Vec<&Plane> = drawn.map_or_else(Vec::new, PoseTemplate::planes);
         let wall_shade = steps + 1 + SLANT_PLANES;
         let unknowns = wall_shade + 1;
@@ -106,13 +106,6 @@ impl Lesson<'_> {
             };
             deviations.push((single(variance) - mean_noise).max(0.0).sqrt());
         }
-        // What is dark under any light known may be lit under another: a recess, or a dark surface, which is as well.
-        let recess = |texel: usize| {
-            let mean = planes[..=steps].iter().map(|plane| plane[texel]).sum::<f32>() / (steps + 1) as f32;
-            let drawn = drawn.map_or(0.0, |drawn| drawn.recess.values()[texel]);
-            (-mean).clamp(drawn, 1.0)
-        };
-        let recess = Plane::new(side, (0..side * side).map(recess).collect());
         let mut planes = planes.into_iter().map(|values| Plane::new(side, values));
         let at_yaws = planes.by_ref().take(steps + 1).collect();
         let mut next = || planes.next().unwrap_or_else(|| Plane::new(side, vec![0.0; side * side]));
@@ -122,7 +115,7 @@ impl Lesson<'_> {
             ring_miss_max: 0.0,
             miss_max: 1.0,
             evidence_min: drawn.map_or(0.0, |drawn| drawn.evidence_min),
-            recess,
+            lights: drawn.map_or_else(Vec::new, lights),
             surround: Plane::new(DIRECTIONS, vec![0.0; DIRECTIONS * DISTANCES]),
             surround_scatter: Plane::new(DIRECTIONS, vec![0.0; DIRECTIONS * DISTANCES]),
             texel_m: self.texel_m(),
@@ -137,4 +130,24 @@ impl Lesson<'_> {
             outline_m: spec.outline_m.clone(),
         })
     }
+
+    /// What a pose looks like in light that falls alike from all sides.
+    pub(super) fn all_round(&self, pose: usize, views: &[Seen]) -> Result<LitPicture, TeachError> {
+        let template = self.template(pose, views, 0, None)?;
+        Ok(lit(&template))
+    }
+}
+
+/// What a template shows, as one light of several.
+fn lit(template: &PoseTemplate) -> LitPicture {
+    LitPicture { at_yaws: template.at_yaws.clone(), slant: template.slant_planes().map(Plane::clone) }
+}
+
+/// The lights in which a drawing shows a part: those from all sides, and its own.
+fn lights(drawn: &PoseTemplate) -> Vec<LitPicture> {
+    let mut lights = drawn.lights.clone();
+    if lights.len() < LIGHTS_MAX {
+        lights.push(lit(drawn));
+    }
+    lights
 }

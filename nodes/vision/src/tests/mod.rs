@@ -14,7 +14,9 @@ use feeder_model::camera::{CameraPose, CameraSpec, Distortion};
 use feeder_model::part::PartType;
 use feeder_model::tray::TrayGeometry;
 use feeder_scenario::PartSource;
-use feeder_sim::camera::{LightModel, PartSolid, PartView, Renderer, Scene, SensorModel, TrayAppearance, TrayShot};
+use feeder_sim::camera::{
+    AllRound, LightModel, PartSolid, PartView, Renderer, Scene, SensorModel, TrayAppearance, TrayShot,
+};
 
 mod accuracy;
 mod looks;
@@ -57,7 +59,7 @@ fn over_camera() -> Isometry2<f64> {
     Isometry2::new(Vector2::new(0.3, 0.34), 0.0)
 }
 
-fn shoot(renderer: &mut Renderer, pose: &Isometry2<f64>, parts: &[LaidPart], noise: &mut Pcg64Mcg) -> GrayImage {
+fn views(parts: &[LaidPart]) -> Vec<PartView> {
     let view = |part: &LaidPart| PartView {
         x_m: part.place.x,
         y_m: part.place.y,
@@ -66,9 +68,12 @@ fn shoot(renderer: &mut Renderer, pose: &Isometry2<f64>, parts: &[LaidPart], noi
         pose: part.pose,
         ..PartView::default()
     };
-    let views: Vec<PartView> = parts.iter().map(view).collect();
+    parts.iter().map(view).collect()
+}
+
+fn shoot(renderer: &mut Renderer, pose: &Isometry2<f64>, parts: &[LaidPart], noise: &mut Pcg64Mcg) -> GrayImage {
     let mut image = GrayImage::default();
-    renderer.render(&TrayShot::still(*pose), &views, noise, &mut image).unwrap();
+    renderer.render(&TrayShot::still(*pose), &views(parts), noise, &mut image).unwrap();
     image
 }
 
@@ -120,12 +125,31 @@ fn taught(part: &PartType) -> PartModel {
     }
     let images: Vec<GrayImage> =
         lessons.iter().map(|parts| shoot(&mut renderer, &over_camera(), parts, &mut random)).collect();
-    let frames: Vec<TeachFrame> = images
-        .iter()
-        .zip(&lessons)
-        .map(|(image, parts)| TeachFrame { image, platen_from_tray: over_camera(), parts })
-        .collect();
-    teach(&frames, &scene.camera, &scene.tray, &drawing(part)).unwrap()
+    let lit = lit_all_round(&scene, &lessons, &mut random);
+    let lit = std::array::from_fn(|light| frames(&lit[light], &lessons));
+    teach(&frames(&images, &lessons), &lit, &scene.camera, &scene.tray, &drawing(part)).unwrap()
+}
+
+/// The same parts in each of the lights from all sides.
+fn lit_all_round(
+    scene: &Scene,
+    lessons: &[Vec<LaidPart>],
+    noise: &mut Pcg64Mcg,
+) -> [Vec<GrayImage>; ALL_ROUND_RAD.len()] {
+    ALL_ROUND_RAD.map(|elevation_rad| {
+        let mut ring = AllRound::new(scene, elevation_rad).unwrap();
+        let mut shoot = |parts: &Vec<LaidPart>| {
+            let mut image = GrayImage::default();
+            ring.render(&TrayShot::still(over_camera()), &views(parts), noise, &mut image).unwrap();
+            image
+        };
+        lessons.iter().map(&mut shoot).collect()
+    })
+}
+
+fn frames<'a>(images: &'a [GrayImage], lessons: &'a [Vec<LaidPart>]) -> Vec<TeachFrame<'a>> {
+    let frame = |(image, parts)| TeachFrame { image, platen_from_tray: over_camera(), parts };
+    images.iter().zip(lessons.iter().map(Vec::as_slice)).map(frame).collect()
 }
 
 static MODEL: LazyLock<PartModel> = LazyLock::new(|| taught(&GROMMET));
@@ -400,7 +424,11 @@ fn teaching_refuses_poses_that_look_the_same_or_are_not_shown() {
     let bare = shoot(&mut renderer, &over_camera(), &[], &mut random);
     let bare = TeachFrame { image: &bare, platen_from_tray: over_camera(), parts: &[] };
     let spec = drawing(&GROMMET);
-    let taught = |frames: &[TeachFrame], spec: &TeachSpec| teach(frames, &scene.camera, &scene.tray, spec);
+    // Of lights from all sides a frame of each pose is enough.
+    let lessons: Vec<Vec<LaidPart>> = (0..2).map(|pose| strewn(&GROMMET, Some(pose), 20, 0.009, &mut random)).collect();
+    let lit = lit_all_round(&scene, &lessons, &mut random);
+    let lit = std::array::from_fn(|light| crate::tests::frames(&lit[light], &lessons));
+    let taught = |frames: &[TeachFrame], spec: &TeachSpec| teach(frames, &lit, &scene.camera, &scene.tray, spec);
     assert!(matches!(taught(&[], &spec), Err(TeachError::NoBarePlateau)));
     assert!(matches!(taught(&[bare], &spec), Err(TeachError::TooFew { pose: 0, shown: 0 })));
     // Parts that all lie in one pose, half of them said to lie in another.

@@ -4,7 +4,8 @@ use super::*;
 use crate::align::Fit;
 use crate::candidate::is_recognised;
 use crate::detector::{Detector, Found};
-use crate::modes::{Light, MODES};
+use crate::modes::{Light, MODES, OTHER_LIGHTS};
+use crate::template::Aspect;
 use feeder_model::geometry::PartMesh;
 
 /// A part that gives back so many times the light.
@@ -16,19 +17,28 @@ fn lit(scene: &mut Scene, ratio: f64) {
 
 /// Which share of the parts with room may be picked in a world that differs from the one taught, when none else may.
 fn recall(part: &PartType, model: &PartModel, change: impl Fn(&mut Scene), blur_px: f32) -> f64 {
-    let believed = scene(part, 2.0);
-    let mut world = believed.clone();
+    let mut world = scene(part, 2.0);
     change(&mut world);
     let mut renderer = Renderer::new(&world).unwrap();
+    recall_in(part, model, |parts, random| {
+        let image = shoot(&mut renderer, &over_camera(), parts, random);
+        if blur_px > 0.0 { image::imageops::blur(&image, blur_px) } else { image }
+    })
+}
+
+/// The same in pictures taken otherwise.
+fn recall_in(
+    part: &PartType,
+    model: &PartModel,
+    mut shoot: impl FnMut(&[LaidPart], &mut Pcg64Mcg) -> GrayImage,
+) -> f64 {
+    let believed = scene(part, 2.0);
     let mut selector = Selector::new(SelectorConfig::default(), &believed.camera, &believed.tray, model).unwrap();
     let mut random = Pcg64Mcg::seed_from_u64(21);
     let (mut free, mut selected) = (0, 0);
     for _ in 0..3 {
         let parts = strewn(part, None, 40, 2.0 * part.outline_radius_m(), &mut random);
-        let mut image = shoot(&mut renderer, &over_camera(), &parts, &mut random);
-        if blur_px > 0.0 {
-            image = image::imageops::blur(&image, blur_px);
-        }
+        let image = shoot(&parts, &mut random);
         let seen = selector.detect(&image, &over_camera()).unwrap();
         for candidate in seen.iter().filter(|candidate| selector.admits(candidate)) {
             let truth = parts.iter().find(|laid| (laid.place - candidate.centre()).norm() < 0.000_5);
@@ -78,6 +88,39 @@ fn parts_whose_shadow_is_gone_are_known() {
     assert!(recall >= 0.8, "{recall}");
 }
 
+/// Between the lights from all sides that are taught lie others: in the lesson none stands at this height.
+#[test]
+fn parts_in_steep_light_from_all_sides_are_known() {
+    let nut = catalogue("hex_nut");
+    for (part, model, least) in [(&nut, &taught(&nut), 0.8), (&*GROMMET, &*MODEL, 0.95)] {
+        let mut ring = AllRound::new(&scene(part, 2.0), 1.15).unwrap();
+        let recall = recall_in(part, model, |parts, random| {
+            let mut image = GrayImage::default();
+            ring.render(&TrayShot::still(over_camera()), &views(parts), random, &mut image).unwrap();
+            image
+        });
+        assert!(recall >= least, "{}: {recall}", part.name);
+    }
+}
+
+/// Two units of the mode of another light are the whole way to it, as it is drawn under the same yaw and slant.
+#[test]
+fn a_part_wholly_in_another_light_looks_as_drawn_in_it() {
+    let scene = scene(&GROMMET, 2.0);
+    let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
+    let (template, aspect) = (&detector.sought[0].template, Aspect { yaw_rad: 0.0, slant: Vector2::new(0.12, -0.07) });
+    for (mode, lit) in OTHER_LIGHTS.zip(template.in_other_lights(&aspect)) {
+        let mut amounts = [0.0; MODES];
+        amounts[mode] = 2.0;
+        let fitted = detector.sought[0].fitted(&aspect, &amounts);
+        let off = fitted.iter().zip(&lit).map(|(fitted, lit)| (fitted - lit).abs()).fold(0.0, f32::max);
+        assert!(off < 1e-5, "light {mode}: {off}");
+    }
+    let low = |light: usize| template.in_other_lights(&aspect).nth(light).unwrap().iter().copied().fold(0.0, f32::min);
+    // The lower the lamps, the darker the hole and the foot of the part.
+    assert!(low(2) < low(0) - 0.1, "{} {}", low(2), low(0));
+}
+
 #[test]
 fn parts_much_darker_than_those_taught_are_known_by_their_pattern() {
     let nut = catalogue("hex_nut");
@@ -107,6 +150,13 @@ fn a_part_that_stands_out_less_than_taught_must_do_so_as_its_like_in_the_frame_d
     };
     assert!(recognised(Some(0.95), 0.9), "its like are as dim");
     assert!(!recognised(Some(0.5), 0.9) && recognised(Some(0.5), 1.1));
-    assert!(!recognised(Some(0.2), 1.1), "it is none of them");
     assert!(!recognised(None, 0.9) && recognised(None, 1.1));
+    let is_thing = |evidence_ratio: Option<f32>, evidence: f32| {
+        let mut found = Found { evidence_ratio, ..Found::new(0, fit) };
+        found.fit.evidence = evidence;
+        detector.is_thing(&found)
+    };
+    assert!(is_thing(None, f32::MAX) && is_thing(Some(0.6), f32::MAX));
+    assert!(!is_thing(Some(0.4), f32::MAX), "it is none of them");
+    assert!(!is_thing(None, f32::NEG_INFINITY), "it fits in no light that the frame may have");
 }
