@@ -210,10 +210,10 @@ pub(super) fn all(light: &LightAmounts) -> Amounts {
     std::array::from_fn(|mode| light.get(mode).copied().unwrap_or(0.0))
 }
 
-/// The amounts with the floor beside as taught.
-pub(super) fn without_beside(amounts: &Amounts) -> Amounts {
+/// The amounts with the floor beside no darker than taught.
+pub(super) fn not_darker_beside(amounts: &Amounts) -> Amounts {
     let mut amounts = *amounts;
-    amounts[BESIDE] = 0.0;
+    amounts[BESIDE] = amounts[BESIDE].max(0.0);
     amounts
 }
 

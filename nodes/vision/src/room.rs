@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Point2, Rotation2, Vector2};
 
 use super::align::Fit;
 use super::detector::Detector;
-use super::modes::{Light, without_beside};
+use super::modes::{Light, not_darker_beside};
 use super::segment::Uncovered;
 use super::sought::Sought;
 use super::surround::DISTANCES;
@@ -70,7 +70,7 @@ impl Pictured {
         let turn = Rotation2::new(view.platen_from_tray.rotation.angle() - aspect.yaw_rad);
         let tray_from_px = view.px_from_tray(fit.centre, sought.plane_m)?.try_inverse()?;
         Some(Self {
-            picture: sought.fitted(&aspect, &without_beside(&fit.amounts)),
+            picture: sought.fitted(&aspect, &not_darker_beside(&fit.amounts)),
             middle: view.pixel(fit.centre, sought.plane_m)? - Vector2::new(window.left as f64, window.top as f64),
             part_from_px: turn.matrix() * tray_from_px,
         })
