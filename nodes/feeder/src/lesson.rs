@@ -35,10 +35,11 @@ pub fn taught(
 ) -> anyhow::Result<PartModel> {
     let mut renderer = Renderer::new(scene)?;
     let mut shots: Vec<Shown> = Vec::new();
+    let shot = TrayShot::still(*platen_from_tray);
+    let views = |parts: &[LaidPart]| -> Vec<PartView> { parts.iter().map(|part| view(part, scene)).collect() };
     let mut shoot = |parts: Vec<LaidPart>, random: &mut _| -> anyhow::Result<()> {
-        let views: Vec<PartView> = parts.iter().map(|part| view(part, scene)).collect();
         let mut image = GrayImage::default();
-        renderer.render(&TrayShot::still(*platen_from_tray), &views, random, &mut image)?;
+        renderer.render(&shot, &views(&parts), random, &mut image)?;
         shots.push((image, parts));
         Ok(())
     };
@@ -59,9 +60,8 @@ pub fn taught(
         let shown = poses.iter().enumerate().flat_map(|pose| std::iter::repeat_n(Some(pose), FRAMES_OF_LIT));
         for pose in bare.chain(shown) {
             let parts = pose.map_or_else(Vec::new, |(pose, stable)| laid_out(scene, pose, stable, random));
-            let views: Vec<PartView> = parts.iter().map(|part| view(part, scene)).collect();
             let mut image = GrayImage::default();
-            ring.render(&TrayShot::still(*platen_from_tray), &views, random, &mut image)?;
+            ring.render(&shot, &views(&parts), random, &mut image)?;
             shots.push((image, parts));
         }
     }

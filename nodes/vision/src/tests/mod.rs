@@ -138,13 +138,15 @@ fn lit_all_round(
 ) -> [Vec<GrayImage>; ALL_ROUND_RAD.len()] {
     ALL_ROUND_RAD.map(|elevation_rad| {
         let mut ring = AllRound::new(scene, elevation_rad).unwrap();
-        let mut shoot = |parts: &Vec<LaidPart>| {
-            let mut image = GrayImage::default();
-            ring.render(&TrayShot::still(over_camera()), &views(parts), noise, &mut image).unwrap();
-            image
-        };
-        lessons.iter().map(&mut shoot).collect()
+        lessons.iter().map(|parts| shoot_all_round(&mut ring, parts, noise)).collect()
     })
+}
+
+/// A picture under a ring of lamps, the tray under the camera.
+fn shoot_all_round(ring: &mut AllRound, parts: &[LaidPart], noise: &mut Pcg64Mcg) -> GrayImage {
+    let mut image = GrayImage::default();
+    ring.render(&TrayShot::still(over_camera()), &views(parts), noise, &mut image).unwrap();
+    image
 }
 
 fn frames<'a>(images: &'a [GrayImage], lessons: &'a [Vec<LaidPart>]) -> Vec<TeachFrame<'a>> {
