@@ -1,7 +1,7 @@
 //! Cameras that hang elsewhere than they are said to.
 
 use image::GrayImage;
-use nalgebra::{Isometry2, Vector2};
+use nalgebra::{Isometry2, Point2, Rotation2, Vector2};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
@@ -9,7 +9,7 @@ use super::*;
 use crate::{ImageFault, decode};
 use feeder_model::camera::{CameraSpec, Distortion};
 use feeder_scenario::Scenario;
-use feeder_sim::camera::{Renderer, TrayShot};
+use feeder_sim::camera::{PartView, Renderer, TrayShot};
 
 /// The built-in scenario's camera, and the tray at its feeding place.
 fn stated() -> (CameraModel, MountedTray, Isometry2<f64>) {
@@ -25,15 +25,49 @@ fn changed(change: impl Fn(&mut CameraSpec)) -> CameraModel {
     CameraModel::new(spec).unwrap()
 }
 
-/// What `camera` sees of the tray at a place.
+/// What `camera` sees of the bare tray at a place.
 fn picture(camera: &CameraModel, platen_from_tray: &Isometry2<f64>) -> GrayImage {
+    picture_of(camera, platen_from_tray, &[], None)
+}
+
+/// What `camera` sees of the tray and what lies on it, with so much noise if another than the scenario's.
+fn picture_of(
+    camera: &CameraModel,
+    platen_from_tray: &Isometry2<f64>,
+    parts: &[PartView],
+    noise_sigma_levels: Option<f64>,
+) -> GrayImage {
     let scenario = Scenario::default();
     let mut scene = scenario.scene(&scenario.part_type().unwrap());
     scene.camera = camera.clone();
+    scene.sensor.noise_sigma_levels = noise_sigma_levels.unwrap_or(scene.sensor.noise_sigma_levels);
     let mut image = GrayImage::default();
     let mut noise = Pcg64Mcg::seed_from_u64(5);
-    Renderer::new(&scene).unwrap().render(&TrayShot::still(*platen_from_tray), &[], &mut noise, &mut image).unwrap();
+    Renderer::new(&scene).unwrap().render(&TrayShot::still(*platen_from_tray), parts, &mut noise, &mut image).unwrap();
     image
+}
+
+/// Grommets on half of the plateau, in rows askew to its edge.
+fn crowd(tray: &MountedTray) -> Vec<PartView> {
+    let (pitch_m, reach_m) = (0.005_2, 0.002_5);
+    let askew = Rotation2::new(0.35);
+    let place = |index: i32| {
+        let (row, column) = (f64::from(index / 50 - 25), f64::from(index % 50 - 25));
+        askew * (pitch_m * Point2::new(column + 0.5 * row, 0.75_f64.sqrt() * row))
+    };
+    let on_plateau = |place: &Point2<f64>| {
+        let radius_m = place.coords.norm();
+        let geometry = &tray.geometry;
+        let between = geometry.inner_radius_m + reach_m..geometry.outer_radius_m - reach_m;
+        place.y < -reach_m && between.contains(&radius_m)
+    };
+    let part = |place: Point2<f64>| PartView {
+        x_m: place.x,
+        y_m: place.y,
+        z_m: tray.plateau_height_m(),
+        ..PartView::default()
+    };
+    (0..2500).filter(|index| index % 3 != 0).map(place).filter(on_plateau).map(part).collect()
 }
 
 /// How far off the stated camera is if pictures come from this one.
@@ -63,6 +97,17 @@ fn a_camera_that_hangs_right_is_not_doubted() {
     for (name, image) in traced() {
         let found = misalignment(&image, &camera, &tray, &place).unwrap().unwrap();
         assert!(found.error_m < 1.5 * BIAS_M, "{name}: {found}");
+    }
+}
+
+#[test]
+fn a_crowd_in_a_noisy_picture_turns_no_camera_that_hangs_right_and_hides_no_turn() {
+    let (camera, tray, place) = stated();
+    for turn_rad in [0.0, 0.02, -0.02] {
+        let truth = changed(|spec| spec.pose.yaw_rad += turn_rad);
+        let crowded = picture_of(&truth, &place, &crowd(&tray), Some(12.0));
+        let found = misalignment(&crowded, &camera, &tray, &place).unwrap().unwrap();
+        assert!((found.turn_rad + turn_rad).abs() < 2e-3, "{turn_rad} rad: {found}");
     }
 }
 
