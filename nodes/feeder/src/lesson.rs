@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use feeder_model::geometry::StablePose;
 use feeder_sim::camera::{AllRound, PartView, Renderer, Scene, TrayShot};
-use feeder_vision::{ALL_ROUND_RAD, LaidPart, PartModel, PoseSpec, TeachFrame, TeachSpec, teach};
+use feeder_vision::{LIGHTS_ALL_ROUND, LaidPart, PartModel, PoseSpec, TeachFrame, TeachSpec, teach};
 use image::GrayImage;
 use nalgebra::{Isometry2, Point2};
 use rand::{Rng, RngExt};
@@ -53,9 +53,8 @@ pub fn taught(
             shoot(parts, random)?;
         }
     }
-    let mut lit: [Vec<Shown>; ALL_ROUND_RAD.len()] = std::array::from_fn(|_| Vec::new());
-    for (shots, elevation_rad) in lit.iter_mut().zip(ALL_ROUND_RAD) {
-        let mut ring = AllRound::new(scene, elevation_rad)?;
+    let mut lit: [Vec<Shown>; LIGHTS_ALL_ROUND] = std::array::from_fn(|_| Vec::new());
+    for (shots, mut ring) in lit.iter_mut().zip(AllRound::of_lessons(scene)?) {
         let bare = std::iter::repeat_n(None, BARE_FRAMES_LIT);
         let shown = poses.iter().enumerate().flat_map(|pose| std::iter::repeat_n(Some(pose), FRAMES_OF_LIT));
         for pose in bare.chain(shown) {

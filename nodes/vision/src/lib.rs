@@ -60,7 +60,7 @@ pub use teach::{
     Click, ClickDoubt, ClickLabel, ClickLesson, ClickedPicture, FittedClick, LaidPart, PoseSpec, TeachError,
     TeachFrame, TeachSpec, fit_clicks, teach, teach_from_clicks,
 };
-pub use template::{ALL_ROUND_RAD, LitPicture, PartModel, Plane, PoseTemplate};
+pub use template::{LIGHTS_ALL_ROUND, LitPicture, PartModel, Plane, PoseTemplate};
 pub use track::{TrackedCandidate, TrackerConfig};
 
 /// Why a frame yields no candidates.

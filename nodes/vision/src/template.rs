@@ -95,12 +95,12 @@ impl TryFrom<Vec<String>> for Plane {
     }
 }
 
-/// How high over the platen lights from all sides stand for which a part's pictures are taught, rad: between them they make light of
-/// any height, and of all, as a dome does.
-pub const ALL_ROUND_RAD: [f64; 3] = [1.36, 0.79, 0.42];
+/// Lights from all sides in which a part's pictures are taught: from a ring round the lens, at middling height and low. Between
+/// them they make light of any height, and of all, as a dome does.
+pub const LIGHTS_ALL_ROUND: usize = 3;
 
 /// Most lights other than the one taught in which a part is known.
-pub(super) const LIGHTS_MAX: usize = ALL_ROUND_RAD.len() + 1;
+pub(super) const LIGHTS_MAX: usize = LIGHTS_ALL_ROUND + 1;
 
 /// What a part looks like in another light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -159,7 +159,7 @@ pub struct PoseTemplate {
     pub evidence_min: f32,
     /// Standard deviation about all that.
     pub deviation: Plane,
-    /// The part as drawn in other lights: in those that fall alike from all sides, steep, middling and low ([`ALL_ROUND_RAD`]), and,
+    /// The part as drawn in other lights: in those that fall alike from all sides, from round the lens, at middling height and low, and,
     /// where it was taught from pictures, in the light in which it was drawn.
     pub lights: Vec<LitPicture>,
     /// Brightness of what parts have round them, relative to the plateau's: for each pixel of distance from the outline a row
@@ -361,7 +361,7 @@ impl PoseTemplate {
         )?;
         let lights = self.lights.len();
         OutOfRange::unless(
-            (ALL_ROUND_RAD.len()..=LIGHTS_MAX).contains(&lights),
+            (LIGHTS_ALL_ROUND..=LIGHTS_MAX).contains(&lights),
             "part_model.poses.lights",
             lights as f64,
             "3 or 4 lights",

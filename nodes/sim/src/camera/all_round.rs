@@ -3,8 +3,10 @@
 use std::f64::consts::TAU;
 
 use image::GrayImage;
+use nalgebra::Point3;
 use rand::Rng;
 
+use super::parts::PartPainter;
 use super::render::Renderer;
 use super::scene::{Scene, TrayShot};
 use super::solid::PartView;
@@ -15,6 +17,11 @@ use feeder_model::range::OutOfRange;
 const LAMPS: usize = 6;
 /// Share of the scene's light that the ring gives: a slope that faces a low lamp is brighter than a level surface by far.
 const LIGHT_RATIO: f64 = 0.5;
+/// How high over the platen lamps stand in the lights from all sides for which a part's pictures are taught, rad: those of a ring
+/// round the lens as seen from the plateau's height below it, and those of two rings afar. Between them they make light of any height,
+/// and of all, as a dome does.
+const ROUND_LENS_RAD: f64 = 1.36;
+const AFAR_RAD: [f64; 2] = [0.79, 0.42];
 
 /// Renders a scene under a ring of lamps in place of its own light.
 pub struct AllRound {
@@ -22,19 +29,40 @@ pub struct AllRound {
 }
 
 impl AllRound {
-    /// A ring of lamps at this height over the platen, rad.
+    /// The rings under which a lesson shows parts: round the lens, and afar at middling height and low.
     ///
     /// # Errors
     ///
     /// As [`Scene::validate`].
-    pub fn new(scene: &Scene, elevation_rad: f64) -> Result<Self, OutOfRange> {
+    pub fn of_lessons(scene: &Scene) -> Result<[Self; 3], OutOfRange> {
+        let [middling, low] = AFAR_RAD;
+        Ok([Self::round_lens(scene)?, Self::afar(scene, middling)?, Self::afar(scene, low)?])
+    }
+
+    /// A ring of lamps so far away that all parts see them in the same directions, at this height over the platen, rad.
+    ///
+    /// # Errors
+    ///
+    /// As [`Scene::validate`].
+    pub fn afar(scene: &Scene, elevation_rad: f64) -> Result<Self, OutOfRange> {
+        let lamp = |index: usize| Renderer::new(&lit_by(scene, azimuth_rad(index), elevation_rad));
+        Ok(Self { lamps: (0..LAMPS).map(lamp).collect::<Result<_, _>>()? })
+    }
+
+    /// A ring light round the camera's lens: what lies aside is lit along the line of sight.
+    fn round_lens(scene: &Scene) -> Result<Self, OutOfRange> {
+        let pose = scene.camera.pose();
+        let height_m = pose.height_m - scene.tray.plateau_height_m();
+        let ring_m = height_m / ROUND_LENS_RAD.tan();
+        let steepness_max = (ring_m + scene.tray.geometry.outer_radius_m) / height_m;
+        scene.validate()?;
+        let parts = PartPainter::lit_from_near_by(&lit_by(scene, 0.0, ROUND_LENS_RAD), steepness_max);
         let lamp = |index: usize| {
-            let mut scene = scene.clone();
-            scene.light.white_level *= LIGHT_RATIO;
-            scene.light.diffuse_ratio = 0.0;
-            scene.light.elevation_rad = elevation_rad;
-            scene.light.azimuth_rad = TAU * index as f64 / LAMPS as f64;
-            Renderer::new(&scene)
+            let (sin, cos) = azimuth_rad(index).sin_cos();
+            let at = Point3::new(pose.x_m + ring_m * cos, pose.y_m + ring_m * sin, pose.height_m);
+            Renderer::with_parts(&lit_by(scene, azimuth_rad(index), ROUND_LENS_RAD), |scene| {
+                parts.lit_from(scene.light, at)
+            })
         };
         Ok(Self { lamps: (0..LAMPS).map(lamp).collect::<Result<_, _>>()? })
     }
@@ -61,4 +89,18 @@ impl AllRound {
         image.iter_mut().zip(sums).for_each(|(level, sum)| *level = grey_level(share * f32::from(sum)));
         Ok(())
     }
+}
+
+fn azimuth_rad(lamp: usize) -> f64 {
+    TAU * lamp as f64 / LAMPS as f64
+}
+
+/// The scene with a single lamp and nothing else for its light.
+fn lit_by(scene: &Scene, azimuth_rad: f64, elevation_rad: f64) -> Scene {
+    let mut scene = scene.clone();
+    scene.light.white_level *= LIGHT_RATIO;
+    scene.light.diffuse_ratio = 0.0;
+    scene.light.elevation_rad = elevation_rad;
+    scene.light.azimuth_rad = azimuth_rad;
+    scene
 }

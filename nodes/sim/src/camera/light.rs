@@ -1,6 +1,6 @@
 //! The light over the feeder, and what it makes of a surface.
 
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -73,6 +73,12 @@ impl LightModel {
         #[expect(clippy::cast_possible_truncation, reason = "grey levels need no more than f32")]
         let white = (self.white_level * (1.0 + gradient) * (1.0 - self.vignetting_ratio * corner)) as f32;
         white
+    }
+
+    /// The same light from a lamp that lies this way.
+    pub(crate) fn with_lamp_towards(self, toward_lamp: Vector3<f64>) -> Self {
+        let level = toward_lamp.xy();
+        Self { azimuth_rad: level.y.atan2(level.x), elevation_rad: toward_lamp.z.atan2(level.norm()), ..self }
     }
 
     /// The light as a surface on a tray turned by `tray_yaw_rad` meets it.

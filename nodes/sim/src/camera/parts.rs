@@ -1,6 +1,7 @@
 //! Draws parts into the picture of the tray.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use nalgebra::{Isometry2, Matrix2, Point2, Point3, Rotation2, Vector2};
 
@@ -32,13 +33,18 @@ const SIGHT_PLACES: [(f32, f32, f32); SIGHTS] = {
     ]
 };
 
+/// How many steepnesses of light from near by are told apart.
+const NEAR_STEEPNESSES: usize = 6;
+
 /// Draws parts over the picture of the tray.
 #[derive(Clone, Debug)]
 pub(crate) struct PartPainter {
     camera: CameraModel,
     tray: MountedTray,
     light: LightModel,
-    reliefs: Vec<Relief>,
+    /// Where the lamp is on the platen, m, if it is not afar.
+    lamp_at: Option<Point3<f64>>,
+    reliefs: Arc<[Relief]>,
 }
 
 /// A part as the picture sees it.
@@ -81,14 +87,30 @@ struct Screen {
 
 impl PartPainter {
     pub(crate) fn new(scene: &Scene) -> Self {
+        Self::lit_as_steeply_as(scene, &[scene.light.in_tray(0.0).toward_lamp.norm()])
+    }
+
+    /// Parts whose light falls from a lamp near by, up to so steeply.
+    pub(crate) fn lit_from_near_by(scene: &Scene, steepness_max: f64) -> Self {
+        let middle = |step: usize| single(steepness_max * (step as f64 + 0.5) / NEAR_STEEPNESSES as f64);
+        Self::lit_as_steeply_as(scene, &std::array::from_fn::<f32, NEAR_STEEPNESSES, _>(middle))
+    }
+
+    /// The same parts in this light, with its lamp at a place over the platen, m.
+    pub(crate) fn lit_from(&self, light: LightModel, lamp_at: Point3<f64>) -> Self {
+        Self { light, lamp_at: Some(lamp_at), ..self.clone() }
+    }
+
+    fn lit_as_steeply_as(scene: &Scene, steepnesses: &[f32]) -> Self {
         let texel_m = scene.camera.m_per_px(scene.tray.plateau_height_m()) / TEXELS_PER_PX;
-        let shading = scene.light.in_tray(0.0);
+        let diffuse = scene.light.in_tray(0.0).diffuse();
         let part = &scene.part;
         Self {
             camera: scene.camera.clone(),
             tray: scene.tray,
             light: scene.light,
-            reliefs: part.poses.iter().map(|pose| Relief::new(part, pose, texel_m, &shading)).collect(),
+            lamp_at: None,
+            reliefs: part.poses.iter().map(|pose| Relief::new(part, pose, texel_m, diffuse, steepnesses)).collect(),
         }
     }
 
@@ -130,6 +152,9 @@ impl PartPainter {
         let at = |height_m: f64| self.camera.project(Point3::new(centre.x, centre.y, height_m));
         let (top, foot) = (at(top_m)?, at(foot_m)?);
         let yaw_rad = platen_from_tray.rotation.angle() + part.yaw_rad;
+        let part_at = Point3::new(centre.x, centre.y, foot_m);
+        let light = self.lamp_at.map_or(self.light, |lamp| self.light.with_lamp_towards(lamp - part_at));
+        let shading = light.in_tray(yaw_rad);
         let px_from_platen = self.camera.projection_jacobian(Point3::new(centre.x, centre.y, top_m))?;
         let texel_m = f64::from(relief.texel_m);
         let px_from_texels = px_from_platen * *Rotation2::new(yaw_rad).matrix() * texel_m;
@@ -140,8 +165,8 @@ impl PartPainter {
         let slope = self.slope(in_tray, part.z_m);
         Some(PartInView {
             relief,
-            lamp: relief.lamp(self.light.azimuth_rad - yaw_rad),
-            shading: self.light.in_tray(yaw_rad),
+            lamp: relief.lamp(light.azimuth_rad - yaw_rad, shading.toward_lamp.norm()),
+            shading,
             texels_from_px,
             foot,
             top,

@@ -40,7 +40,9 @@ pub(super) struct Relief {
     heights_m: Vec<f32>,
     /// The upright face that ends at a texel.
     walls: Vec<Option<Wall>>,
-    /// Brightness by direction of the lamp, then by texel; of the floor, what the part leaves of it.
+    /// How steeply lamps for which brightness is kept fall, as the length of the shadow of a post of unit height.
+    steepnesses: Vec<f32>,
+    /// Brightness by steepness and direction of the lamp, then by texel; of the floor, what the part leaves of it.
     brightness: Vec<u8>,
 }
 
@@ -61,12 +63,19 @@ pub(super) enum Sight {
 }
 
 impl Relief {
-    pub(super) fn new(solid: &PartSolid, pose: &UnitQuaternion<f64>, texel_m: f64, shading: &Shading) -> Self {
+    /// `diffuse` is the share of the light that is diffuse; the rest falls as steeply as any of `steepnesses` says.
+    pub(super) fn new(
+        solid: &PartSolid,
+        pose: &UnitQuaternion<f64>,
+        texel_m: f64,
+        diffuse: f32,
+        steepnesses: &[f32],
+    ) -> Self {
         let vertices: Vec<Point3<f64>> = solid.mesh.vertices().iter().map(|vertex| pose * vertex).collect();
         let lowest_m = vertices.iter().map(|vertex| vertex.z).fold(f64::INFINITY, f64::min);
         let top_m = vertices.iter().map(|vertex| vertex.z).fold(f64::NEG_INFINITY, f64::max) - lowest_m;
         let radius_m = vertices.iter().map(|vertex| vertex.coords.xy().norm()).fold(0.0, f64::max);
-        let steepness = f64::from(shading.toward_lamp.norm());
+        let steepness = f64::from(steepnesses.iter().copied().fold(0.0, f32::max));
         let reach_m = radius_m + top_m * (steepness * (1.0 + f64::from(PENUMBRA))).max(DIMMING_HEIGHTS) + texel_m;
         let texel_m = texel_m.max(2.0 * reach_m / SIDE_MAX);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most SIDE_MAX and positive")]
@@ -87,19 +96,18 @@ impl Relief {
             reach_m: single(reach_m),
             heights_m: raster.heights_m.iter().copied().map(single).collect(),
             walls: Vec::new(),
+            steepnesses: steepnesses.to_vec(),
             brightness: Vec::new(),
         };
-        relief.light(&raster, shading);
+        relief.light(&raster, diffuse);
         relief
     }
 
-    fn light(&mut self, raster: &Raster, shading: &Shading) {
+    fn light(&mut self, raster: &Raster, diffuse: f32) {
         let wall =
             |index: usize| self.downhill(index).map(|normal| Wall { normal, reflectance: raster.reflectances[index] });
         self.walls = (0..self.heights_m.len()).map(wall).collect();
         let horizons: Vec<Vec<f32>> = (0..AZIMUTHS).map(|azimuth| self.horizon(azimuth)).collect();
-        let steepness = shading.toward_lamp.norm();
-        let lamp_tan = 1.0 / steepness.max(1e-3);
         let openness: Vec<f32> = (0..self.heights_m.len())
             .map(|index| {
                 let open = horizons.iter().map(|horizon| 1.0 / (1.0 + horizon[index] * horizon[index]));
@@ -107,19 +115,22 @@ impl Relief {
                 1.0 - hidden * self.fading(index)
             })
             .collect();
-        self.brightness = Vec::with_capacity(AZIMUTHS * self.heights_m.len());
-        for (azimuth, horizon) in horizons.iter().enumerate() {
-            let toward = direction(azimuth) * steepness;
+        let lamps =
+            self.steepnesses.iter().flat_map(|steepness| horizons.iter().enumerate().map(move |to| (steepness, to)));
+        let mut brightness = Vec::with_capacity(self.steepnesses.len() * AZIMUTHS * self.heights_m.len());
+        for (steepness, (azimuth, horizon)) in lamps {
+            let lamp_tan = 1.0 / steepness.max(1e-3);
+            let toward = direction(azimuth) * *steepness;
             for index in 0..self.heights_m.len() {
                 let lit = (0.5 + (lamp_tan - horizon[index]) / (PENUMBRA * lamp_tan)).clamp(0.0, 1.0);
                 let slope = raster.slopes[index];
                 let facing = (1.0 - slope.dot(&toward)).max(0.0) / (1.0 + slope.norm_squared()).sqrt();
-                let diffuse = shading.diffuse();
                 let light = diffuse * openness[index] + (1.0 - diffuse) * lit * facing;
-                self.brightness
+                brightness
                     .push(feeder_model::camera::grey_level(raster.reflectances[index] * light * BRIGHTNESS_UNITS));
             }
         }
+        self.brightness = brightness;
     }
 
     /// 1 near the part, falling to 0 at the border of the map, so that no step shows there.
@@ -197,13 +208,16 @@ impl Relief {
         (self.side / 2) as f32
     }
 
-    /// The lamp's entry of the brightness table for a lamp at `azimuth_rad` in the part's frame.
-    pub(super) fn lamp(&self, azimuth_rad: f64) -> Lamp<'_> {
+    /// The entry of the brightness table that is nearest to a lamp at `azimuth_rad` in the part's frame whose light falls so steeply.
+    pub(super) fn lamp(&self, azimuth_rad: f64, steepness: f32) -> Lamp<'_> {
+        let off = |index: &usize| (self.steepnesses[*index] - steepness).abs();
+        let steep = (0..self.steepnesses.len()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(0);
         let turns = (azimuth_rad / std::f64::consts::TAU).rem_euclid(1.0);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "from 0 to AZIMUTHS")]
         let azimuth = (turns * AZIMUTHS as f64).round() as usize % AZIMUTHS;
+        let lamp = steep * AZIMUTHS + azimuth;
         let texels = self.heights_m.len();
-        Lamp { relief: self, brightness: &self.brightness[azimuth * texels..(azimuth + 1) * texels] }
+        Lamp { relief: self, brightness: &self.brightness[lamp * texels..(lamp + 1) * texels] }
     }
 }
 
@@ -349,12 +363,11 @@ impl Raster {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::camera::LightModel;
 
     /// Area of the texels that show a block of 6 x 4 mm, lying flat, m².
     fn area_m2(texel_m: f64) -> f64 {
         let solid = PartSolid::of_catalogue("block");
-        let relief = Relief::new(&solid, &solid.poses[0], texel_m, &LightModel::default().in_tray(0.0));
+        let relief = Relief::new(&solid, &solid.poses[0], texel_m, 1.0, &[0.0]);
         relief.heights_m.iter().filter(|height_m| **height_m > 0.0).count() as f64 * texel_m.powi(2)
     }
 

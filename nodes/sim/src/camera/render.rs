@@ -34,12 +34,17 @@ impl Renderer {
     ///
     /// As [`Scene::validate`].
     pub fn new(scene: &Scene) -> Result<Self, OutOfRange> {
+        Self::with_parts(scene, PartPainter::new)
+    }
+
+    /// As [`Renderer::new`], with parts painted by what `parts` makes.
+    pub(super) fn with_parts(scene: &Scene, parts: impl FnOnce(&Scene) -> PartPainter) -> Result<Self, OutOfRange> {
         scene.validate()?;
         let mut scene = scene.clone();
         scene.light.white_level *= scene.sensor.exposure_s / NOMINAL_EXPOSURE_S;
         Ok(Self {
             tray: TrayPainter::new(&scene),
-            parts: PartPainter::new(&scene),
+            parts: parts(&scene),
             noise: NoiseTable::new(scene.sensor.noise_sigma_levels, scene.camera.width_px() as usize),
             camera: scene.camera,
             mounted: scene.tray,
@@ -219,7 +224,7 @@ mod tests {
         let shot = TrayShot::still(Isometry2::new(Vector2::new(0.3 - view.x_m, 0.3 - view.y_m), 0.0));
         let by_ring = |parts: &[PartView]| {
             let mut image = GrayImage::default();
-            let mut ring = AllRound::new(&scene, 0.6).unwrap();
+            let mut ring = AllRound::afar(&scene, 0.6).unwrap();
             ring.render(&shot, parts, &mut Pcg64Mcg::seed_from_u64(1), &mut image).unwrap();
             image
         };
@@ -236,6 +241,28 @@ mod tests {
         let by_lamp = uneven(&picture(&scene, &shot, &[]), &picture(&scene, &shot, &[view]));
         let by_ring = uneven(&by_ring(&[]), &by_ring(&[view]));
         assert!(by_lamp > 10.0 && by_ring < 0.5 * by_lamp, "one lamp {by_lamp}, a ring {by_ring}");
+    }
+
+    #[test]
+    fn a_ring_round_the_lens_throws_shadows_behind_parts_that_lie_aside() {
+        let scene = scene("grommet", 0.0);
+        let view = part(0.05, 4.5, HOLE_UP);
+        let aside = Vector2::new(0.08, 0.06);
+        let shot = TrayShot::still(Isometry2::new(Vector2::new(0.3 - view.x_m, 0.3 - view.y_m) + aside, 0.0));
+        // How dark it is close to the part on its side towards the camera.
+        let shade = |ring: &mut AllRound| {
+            let mut picture = |parts: &[PartView]| {
+                let mut image = GrayImage::default();
+                ring.render(&shot, parts, &mut Pcg64Mcg::seed_from_u64(1), &mut image).unwrap();
+                image
+            };
+            let towards = -0.002_9 * aside.normalize();
+            let point = Point3::new(view.x_m + towards.x, view.y_m + towards.y, view.z_m);
+            level(&scene, &picture(&[]), &shot, point) - level(&scene, &picture(&[view]), &shot, point)
+        };
+        let [mut round_lens, _, _] = AllRound::of_lessons(&scene).unwrap();
+        let (round_lens, afar) = (shade(&mut round_lens), shade(&mut AllRound::afar(&scene, 1.36).unwrap()));
+        assert!(afar > 10.0 && round_lens < 0.5 * afar, "round the lens {round_lens}, afar {afar}");
     }
 
     #[test]

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::modes::Light;
 use super::segment::{Plateau, PlateauSums, RADIAL_BINS, RELATIVE_UNITS, Segmentation, TaughtLight, hub_level};
 use super::template::{
-    ALL_ROUND_RAD, Aspect, LitPicture, PartModel, Plane, SIDE_MAX, period_rad, texel_place_m, yaw_steps,
+    Aspect, LIGHTS_ALL_ROUND, LitPicture, PartModel, Plane, SIDE_MAX, period_rad, texel_place_m, yaw_steps,
 };
 use super::view::{RayTable, View};
 use super::{ImageFault, require_above};
@@ -148,7 +148,7 @@ pub enum TeachError {
 }
 
 /// Learns a part from pictures of it lying free on the plateau, and of the bare plateau. `all_round` are the same in each of the
-/// lights from all sides that [`ALL_ROUND_RAD`] names.
+/// lights from all sides.
 ///
 /// # Errors
 ///
@@ -156,7 +156,7 @@ pub enum TeachError {
 /// apart.
 pub fn teach(
     frames: &[TeachFrame],
-    all_round: &[Vec<TeachFrame>; ALL_ROUND_RAD.len()],
+    all_round: &[Vec<TeachFrame>; LIGHTS_ALL_ROUND],
     camera: &CameraModel,
     tray: &MountedTray,
     spec: &TeachSpec,

@@ -131,15 +131,10 @@ fn taught(part: &PartType) -> PartModel {
 }
 
 /// The same parts in each of the lights from all sides.
-fn lit_all_round(
-    scene: &Scene,
-    lessons: &[Vec<LaidPart>],
-    noise: &mut Pcg64Mcg,
-) -> [Vec<GrayImage>; ALL_ROUND_RAD.len()] {
-    ALL_ROUND_RAD.map(|elevation_rad| {
-        let mut ring = AllRound::new(scene, elevation_rad).unwrap();
-        lessons.iter().map(|parts| shoot_all_round(&mut ring, parts, noise)).collect()
-    })
+fn lit_all_round(scene: &Scene, lessons: &[Vec<LaidPart>], noise: &mut Pcg64Mcg) -> [Vec<GrayImage>; LIGHTS_ALL_ROUND] {
+    AllRound::of_lessons(scene)
+        .unwrap()
+        .map(|mut ring| lessons.iter().map(|parts| shoot_all_round(&mut ring, parts, noise)).collect())
 }
 
 /// A picture under a ring of lamps, the tray under the camera.

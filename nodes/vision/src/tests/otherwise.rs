@@ -93,7 +93,7 @@ fn parts_whose_shadow_is_gone_are_known() {
 fn parts_in_steep_light_from_all_sides_are_known() {
     let nut = catalogue("hex_nut");
     for (part, model, least) in [(&nut, &taught(&nut), 0.8), (&*GROMMET, &*MODEL, 0.95)] {
-        let mut ring = AllRound::new(&scene(part, 2.0), 1.15).unwrap();
+        let mut ring = AllRound::afar(&scene(part, 2.0), 1.15).unwrap();
         let recall = recall_in(part, model, |parts, random| shoot_all_round(&mut ring, parts, random));
         assert!(recall >= least, "{}: {recall}", part.name);
     }
