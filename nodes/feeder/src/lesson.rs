@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use feeder_model::geometry::StablePose;
 use feeder_sim::camera::{AllRound, PartView, Renderer, Scene, TrayShot};
-use feeder_vision::{LIGHTS_ALL_ROUND, LaidPart, PartModel, PoseSpec, TeachFrame, TeachSpec, teach};
+use feeder_vision::{LIGHTS_ALL_ROUND, LaidPart, OtherLights, PartModel, PoseSpec, TeachFrame, TeachSpec, teach};
 use image::GrayImage;
 use nalgebra::{Isometry2, Point2};
 use rand::{Rng, RngExt};
@@ -17,6 +17,8 @@ const FRAMES_OF_TURNED: usize = 40;
 /// Pictures of each pose, and of the bare plateau, in each light from all sides: no yaw matters there.
 const FRAMES_OF_LIT: usize = 16;
 const BARE_FRAMES_LIT: usize = 3;
+/// The same for each lamp of the low ring.
+const FRAMES_OF_LAMP: usize = 4;
 /// Parts laid for each picture at most.
 const PARTS_PER_FRAME: usize = 9;
 /// Free room round a part that is shown, m: its shadow must fall on no other.
@@ -54,15 +56,33 @@ pub fn taught(
         }
     }
     let mut lit: [Vec<Shown>; LIGHTS_ALL_ROUND] = std::array::from_fn(|_| Vec::new());
-    for (shots, mut ring) in lit.iter_mut().zip(AllRound::of_lessons(scene)?) {
+    let shown = |frames: usize| {
         let bare = std::iter::repeat_n(None, BARE_FRAMES_LIT);
-        let shown = poses.iter().enumerate().flat_map(|pose| std::iter::repeat_n(Some(pose), FRAMES_OF_LIT));
-        for pose in bare.chain(shown) {
-            let parts = pose.map_or_else(Vec::new, |(pose, stable)| laid_out(scene, pose, stable, random));
+        bare.chain(poses.iter().enumerate().flat_map(move |pose| std::iter::repeat_n(Some(pose), frames)))
+    };
+    let laid = |pose: Option<(usize, &StablePose)>, random: &mut _| {
+        pose.map_or_else(Vec::new, |(pose, stable)| laid_out(scene, pose, stable, random))
+    };
+    let mut rings = AllRound::of_lessons(scene)?;
+    for (shots, ring) in lit.iter_mut().zip(&mut rings) {
+        for pose in shown(FRAMES_OF_LIT) {
+            let parts = laid(pose, random);
             let mut image = GrayImage::default();
             ring.render(&shot, &views(&parts), random, &mut image)?;
             shots.push((image, parts));
         }
+    }
+    let mut from_side: Vec<(f64, Vec<Shown>)> = Vec::new();
+    let [.., low] = &mut rings;
+    for (azimuth_rad, lamp) in low.lamps() {
+        let mut shots: Vec<Shown> = Vec::new();
+        for pose in shown(FRAMES_OF_LAMP) {
+            let parts = laid(pose, random);
+            let mut image = GrayImage::default();
+            lamp.render(&shot, &views(&parts), random, &mut image)?;
+            shots.push((image, parts));
+        }
+        from_side.push((azimuth_rad, shots));
     }
     let spec = TeachSpec {
         poses: poses
@@ -75,8 +95,14 @@ pub fn taught(
             .collect(),
         contrast_min_levels,
     };
-    let lit = std::array::from_fn(|light| frames(&lit[light], platen_from_tray));
-    Ok(teach(&frames(&shots, platen_from_tray), &lit, &scene.camera, &scene.tray, &spec)?)
+    let other_lights = OtherLights {
+        all_round: std::array::from_fn(|light| frames(&lit[light], platen_from_tray)),
+        from_side: from_side
+            .iter()
+            .map(|(azimuth_rad, shots)| (*azimuth_rad, frames(shots, platen_from_tray)))
+            .collect(),
+    };
+    Ok(teach(&frames(&shots, platen_from_tray), &other_lights, &scene.camera, &scene.tray, &spec)?)
 }
 
 /// Pictures as a lesson takes them.

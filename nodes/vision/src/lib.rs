@@ -57,8 +57,8 @@ pub use picture::{PictureError, RawPicture, binned, decode};
 pub use pose_history::{NoPose, PoseHistory, PoseHistoryConfig, TimedPose};
 pub use survey::{PICTURES_MIN, Thing, bare_plateau, things};
 pub use teach::{
-    Click, ClickDoubt, ClickLabel, ClickLesson, ClickedPicture, FittedClick, LaidPart, PoseSpec, TeachError,
-    TeachFrame, TeachSpec, fit_clicks, teach, teach_from_clicks,
+    Click, ClickDoubt, ClickLabel, ClickLesson, ClickedPicture, FittedClick, LaidPart, OtherLights, PoseSpec,
+    TeachError, TeachFrame, TeachSpec, fit_clicks, teach, teach_from_clicks,
 };
 pub use template::{LIGHTS_ALL_ROUND, LitPicture, PartModel, Plane, PoseTemplate};
 pub use track::{TrackedCandidate, TrackerConfig};

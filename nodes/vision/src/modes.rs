@@ -10,7 +10,7 @@
 
 use std::ops::Range;
 
-use super::template::{Aspect, LIGHTS_MAX, LitPicture, PoseTemplate};
+use super::template::{Aspect, LIGHTS_MAX, LitPicture, PoseTemplate, SIDES};
 
 /// In what light, through what lens and on what surfaces parts are looked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,7 +49,10 @@ impl Light {
 }
 
 /// The modes that other lights than the one taught make: all parts of a frame share them.
-pub(super) const OTHER_LIGHTS: Range<usize> = 3..3 + LIGHTS_MAX;
+pub(super) const OTHER_LIGHTS: Range<usize> = WHOLE_LIGHTS.start..FROM_SIDES.end;
+/// Those of lights as a part is drawn in them, and those of where low light comes from.
+pub(super) const WHOLE_LIGHTS: Range<usize> = 3..3 + LIGHTS_MAX;
+const FROM_SIDES: Range<usize> = WHOLE_LIGHTS.end..WHOLE_LIGHTS.end + SIDES;
 /// The mode of the floor beside.
 const BESIDE: usize = 2;
 /// Modes that light makes: the coarse search knows these.
@@ -115,8 +118,8 @@ pub(super) struct Effects {
 /// What a unit of each mode adds to each texel of one picture.
 pub(super) struct EffectsOn<'a> {
     of_mean: &'a [Amounts],
-    /// For each other light what a unit of it adds to each texel; none where nothing is fitted.
-    lights: Vec<Vec<f32>>,
+    /// Modes of other lights, and what a unit of each adds to each texel; none where nothing is fitted.
+    lights: Vec<(usize, Vec<f32>)>,
 }
 
 impl Effects {
@@ -147,7 +150,7 @@ impl Effects {
                 CONTRAST_SPREAD * inside * (mean - level),
                 BESIDE_SPREAD * (1.0 - inside),
             ]);
-            for (mode, lit) in OTHER_LIGHTS.zip(&lit) {
+            for (mode, lit) in WHOLE_LIGHTS.zip(&lit) {
                 effect[mode] = OTHER_LIGHT_SPREAD * (lit[index] - mean);
             }
             effect[BLUR] = BLUR_SPREAD_PX2 * curvature;
@@ -163,7 +166,13 @@ impl Effects {
             lit.iter_mut().zip(picture).for_each(|(lit, level)| *lit = OTHER_LIGHT_SPREAD * (*lit - level));
             lit
         };
-        EffectsOn { of_mean: &self.of_mean, lights: template.in_other_lights(aspect).map(to_light).collect() }
+        let from_side = |mut added: Vec<f32>| {
+            added.iter_mut().for_each(|added| *added *= OTHER_LIGHT_SPREAD);
+            added
+        };
+        let whole = WHOLE_LIGHTS.zip(template.in_other_lights(aspect).map(to_light));
+        let sides = FROM_SIDES.zip(template.lit_from_sides(aspect).map(from_side));
+        EffectsOn { of_mean: &self.of_mean, lights: whole.chain(sides).collect() }
     }
 
     /// Those of light on a texel of the mean picture.
@@ -182,8 +191,8 @@ impl EffectsOn<'_> {
     #[inline]
     pub(super) fn at(&self, texel: usize) -> Amounts {
         let mut effect = self.of_mean[texel];
-        for (mode, lit) in OTHER_LIGHTS.zip(&self.lights) {
-            effect[mode] = lit[texel];
+        for (mode, lit) in &self.lights {
+            effect[*mode] = lit[texel];
         }
         effect
     }

@@ -95,12 +95,14 @@ impl TryFrom<Vec<String>> for Plane {
     }
 }
 
-/// Lights from all sides in which a part's pictures are taught: from a ring round the lens, at middling height and low. Between
-/// them they make light of any height, and of all, as a dome does.
+/// Lights from all sides in which a part's pictures are taught: from a ring round the lens, from a dome, and low.
 pub const LIGHTS_ALL_ROUND: usize = 3;
 
 /// Most lights other than the one taught in which a part is known.
 pub(super) const LIGHTS_MAX: usize = LIGHTS_ALL_ROUND + 1;
+
+/// Pictures that tell what it adds that light comes from one side.
+pub(super) const SIDES: usize = 2;
 
 /// What a part looks like in another light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -159,9 +161,12 @@ pub struct PoseTemplate {
     pub evidence_min: f32,
     /// Standard deviation about all that.
     pub deviation: Plane,
-    /// The part as drawn in other lights: in those that fall alike from all sides, from round the lens, at middling height and low, and,
+    /// The part as drawn in other lights: in those that fall alike from all sides, from round the lens, from a dome and low, and,
     /// where it was taught from pictures, in the light in which it was drawn.
     pub lights: Vec<LitPicture>,
+    /// What it adds to the part's picture in low light from all sides that it comes from where the part's x points, and its y: light from
+    /// between them adds some of both, from behind as much less.
+    pub from_side: [Plane; SIDES],
     /// Brightness of what parts have round them, relative to the plateau's: for each pixel of distance from the outline a row
     /// of directions on the platen.
     pub surround: Plane,
@@ -320,6 +325,12 @@ impl PoseTemplate {
         self.lights.iter().map(move |lit| lit.picture(aspect, self.yaw_symmetry))
     }
 
+    /// What it adds under an aspect that low light comes from along the platen's x, and from along its y.
+    pub(super) fn lit_from_sides(&self, aspect: &Aspect) -> [Vec<f32>; SIDES] {
+        let (sin, cos) = aspect.yaw_rad.sin_cos();
+        [[cos, -sin], [sin, cos]].map(|factors| weighted(self.from_side.iter().zip(factors)))
+    }
+
     /// Checks every number.
     pub(super) fn validate(&self) -> Result<(), OutOfRange> {
         OutOfRange::unless(
@@ -372,7 +383,8 @@ impl PoseTemplate {
             OutOfRange::unless(yaws_ok, "part_model.poses.lights.at_yaws", yaws, allowed)?;
         }
         let lit = self.lights.iter().flat_map(|lit| lit.slant.iter().chain(&lit.at_yaws));
-        for plane in self.slant_planes().into_iter().chain([&self.wall_shade]).chain(&self.at_yaws).chain(lit) {
+        let whole = [&self.wall_shade].into_iter().chain(&self.at_yaws).chain(&self.from_side);
+        for plane in self.slant_planes().into_iter().chain(whole).chain(lit) {
             OutOfRange::unless(plane.is_square(side), "part_model.poses", plane.width as f64, "pictures of one size")?;
         }
         let reach_m = self.outline_m.iter().map(|corner| corner.coords.norm()).fold(0.0, f64::max);

@@ -18,10 +18,9 @@ const LAMPS: usize = 6;
 /// Share of the scene's light that the ring gives: a slope that faces a low lamp is brighter than a level surface by far.
 const LIGHT_RATIO: f64 = 0.5;
 /// How high over the platen lamps stand in the lights from all sides for which a part's pictures are taught, rad: those of a ring
-/// round the lens as seen from the plateau's height below it, and those of two rings afar. Between them they make light of any height,
-/// and of all, as a dome does.
+/// round the lens as seen from the plateau's height below it, and those of a ring afar.
 const ROUND_LENS_RAD: f64 = 1.36;
-const AFAR_RAD: [f64; 2] = [0.79, 0.42];
+const LOW_RAD: f64 = 0.42;
 
 /// Renders a scene under a ring of lamps in place of its own light.
 pub struct AllRound {
@@ -29,14 +28,13 @@ pub struct AllRound {
 }
 
 impl AllRound {
-    /// The rings under which a lesson shows parts: round the lens, and afar at middling height and low.
+    /// The lights in which a lesson shows parts: a ring round the lens, a dome, and a low ring afar.
     ///
     /// # Errors
     ///
     /// As [`Scene::validate`].
     pub fn of_lessons(scene: &Scene) -> Result<[Self; 3], OutOfRange> {
-        let [middling, low] = AFAR_RAD;
-        Ok([Self::round_lens(scene)?, Self::afar(scene, middling)?, Self::afar(scene, low)?])
+        Ok([Self::round_lens(scene)?, Self::dome(scene)?, Self::afar(scene, LOW_RAD)?])
     }
 
     /// A ring of lamps so far away that all parts see them in the same directions, at this height over the platen, rad.
@@ -45,8 +43,18 @@ impl AllRound {
     ///
     /// As [`Scene::validate`].
     pub fn afar(scene: &Scene, elevation_rad: f64) -> Result<Self, OutOfRange> {
-        let lamp = |index: usize| Renderer::new(&lit_by(scene, azimuth_rad(index), elevation_rad));
+        let lamp = |index: usize| {
+            let scene = lit_by(scene, azimuth_rad(index), elevation_rad);
+            Renderer::with_parts(&scene, PartPainter::lit_by_the_floor_too)
+        };
         Ok(Self { lamps: (0..LAMPS).map(lamp).collect::<Result<_, _>>()? })
+    }
+
+    /// Light from the whole sky alike.
+    fn dome(scene: &Scene) -> Result<Self, OutOfRange> {
+        let mut scene = lit_by(scene, 0.0, ROUND_LENS_RAD);
+        scene.light.diffuse_ratio = 1.0;
+        Ok(Self { lamps: vec![Renderer::with_parts(&scene, PartPainter::lit_by_the_floor_too)?] })
     }
 
     /// A ring light round the camera's lens: what lies aside is lit along the line of sight.
@@ -67,6 +75,11 @@ impl AllRound {
         Ok(Self { lamps: (0..LAMPS).map(lamp).collect::<Result<_, _>>()? })
     }
 
+    /// Each lamp of the ring alone: where it stands, counter-clockwise from the platen's x, rad, and what it lights.
+    pub fn lamps(&mut self) -> impl Iterator<Item = (f64, &mut Renderer)> {
+        self.lamps.iter_mut().enumerate().map(|(index, lamp)| (azimuth_rad(index), lamp))
+    }
+
     /// As [`Renderer::render`]: the mean of what each lamp shows.
     ///
     /// # Errors
@@ -85,7 +98,7 @@ impl AllRound {
             sums.resize(image.len(), 0);
             sums.iter_mut().zip(image.iter()).for_each(|(sum, level)| *sum += u16::from(*level));
         }
-        let share = 1.0 / single(LAMPS as f64);
+        let share = 1.0 / single(self.lamps.len() as f64);
         image.iter_mut().zip(sums).for_each(|(level, sum)| *level = grey_level(share * f32::from(sum)));
         Ok(())
     }

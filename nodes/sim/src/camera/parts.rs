@@ -33,6 +33,8 @@ const SIGHT_PLACES: [(f32, f32, f32); SIGHTS] = {
     ]
 };
 
+/// Share of the light on the floor close to a part that the part leaves: that much falls back on it.
+const THROWN_BACK_RATIO: f32 = 0.5;
 /// How many steepnesses of light from near by are told apart.
 const NEAR_STEEPNESSES: usize = 6;
 
@@ -87,13 +89,20 @@ struct Screen {
 
 impl PartPainter {
     pub(crate) fn new(scene: &Scene) -> Self {
-        Self::lit_as_steeply_as(scene, &[scene.light.in_tray(0.0).toward_lamp.norm()])
+        Self::lit_as_steeply_as(scene, &[scene.light.in_tray(0.0).toward_lamp.norm()], 0.0)
     }
 
-    /// Parts whose light falls from a lamp near by, up to so steeply.
+    /// The same where the floor lights upright faces and slopes, too.
+    pub(crate) fn lit_by_the_floor_too(scene: &Scene) -> Self {
+        let thrown_back = THROWN_BACK_RATIO * single(scene.tray_appearance.surface_reflectance);
+        Self::lit_as_steeply_as(scene, &[scene.light.in_tray(0.0).toward_lamp.norm()], thrown_back)
+    }
+
+    /// The same whose light falls from a lamp near by, up to so steeply.
     pub(crate) fn lit_from_near_by(scene: &Scene, steepness_max: f64) -> Self {
         let middle = |step: usize| single(steepness_max * (step as f64 + 0.5) / NEAR_STEEPNESSES as f64);
-        Self::lit_as_steeply_as(scene, &std::array::from_fn::<f32, NEAR_STEEPNESSES, _>(middle))
+        let thrown_back = THROWN_BACK_RATIO * single(scene.tray_appearance.surface_reflectance);
+        Self::lit_as_steeply_as(scene, &std::array::from_fn::<f32, NEAR_STEEPNESSES, _>(middle), thrown_back)
     }
 
     /// The same parts in this light, with its lamp at a place over the platen, m.
@@ -101,7 +110,7 @@ impl PartPainter {
         Self { light, lamp_at: Some(lamp_at), ..self.clone() }
     }
 
-    fn lit_as_steeply_as(scene: &Scene, steepnesses: &[f32]) -> Self {
+    fn lit_as_steeply_as(scene: &Scene, steepnesses: &[f32], thrown_back: f32) -> Self {
         let texel_m = scene.camera.m_per_px(scene.tray.plateau_height_m()) / TEXELS_PER_PX;
         let diffuse = scene.light.in_tray(0.0).diffuse();
         let part = &scene.part;
@@ -110,7 +119,11 @@ impl PartPainter {
             tray: scene.tray,
             light: scene.light,
             lamp_at: None,
-            reliefs: part.poses.iter().map(|pose| Relief::new(part, pose, texel_m, diffuse, steepnesses)).collect(),
+            reliefs: part
+                .poses
+                .iter()
+                .map(|pose| Relief::new(part, pose, texel_m, diffuse, steepnesses, thrown_back))
+                .collect(),
         }
     }
 

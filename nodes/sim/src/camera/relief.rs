@@ -42,6 +42,8 @@ pub(super) struct Relief {
     walls: Vec<Option<Wall>>,
     /// How steeply lamps for which brightness is kept fall, as the length of the shadow of a post of unit height.
     steepnesses: Vec<f32>,
+    /// Share of the light that the floor throws back.
+    thrown_back: f32,
     /// Brightness by steepness and direction of the lamp, then by texel; of the floor, what the part leaves of it.
     brightness: Vec<u8>,
 }
@@ -63,13 +65,15 @@ pub(super) enum Sight {
 }
 
 impl Relief {
-    /// `diffuse` is the share of the light that is diffuse; the rest falls as steeply as any of `steepnesses` says.
+    /// `diffuse` is the share of the light that is diffuse; the rest falls as steeply as any of `steepnesses` says. The floor throws
+    /// the share `thrown_back` of it onto upright faces and slopes.
     pub(super) fn new(
         solid: &PartSolid,
         pose: &UnitQuaternion<f64>,
         texel_m: f64,
         diffuse: f32,
         steepnesses: &[f32],
+        thrown_back: f32,
     ) -> Self {
         let vertices: Vec<Point3<f64>> = solid.mesh.vertices().iter().map(|vertex| pose * vertex).collect();
         let lowest_m = vertices.iter().map(|vertex| vertex.z).fold(f64::INFINITY, f64::min);
@@ -97,6 +101,7 @@ impl Relief {
             heights_m: raster.heights_m.iter().copied().map(single).collect(),
             walls: Vec::new(),
             steepnesses: steepnesses.to_vec(),
+            thrown_back,
             brightness: Vec::new(),
         };
         relief.light(&raster, diffuse);
@@ -124,8 +129,10 @@ impl Relief {
             for index in 0..self.heights_m.len() {
                 let lit = (0.5 + (lamp_tan - horizon[index]) / (PENUMBRA * lamp_tan)).clamp(0.0, 1.0);
                 let slope = raster.slopes[index];
-                let facing = (1.0 - slope.dot(&toward)).max(0.0) / (1.0 + slope.norm_squared()).sqrt();
-                let light = diffuse * openness[index] + (1.0 - diffuse) * lit * facing;
+                let level = 1.0 / (1.0 + slope.norm_squared()).sqrt();
+                let facing = (1.0 - slope.dot(&toward)).max(0.0) * level;
+                let from_floor = self.thrown_back * 0.5 * (1.0 - level);
+                let light = diffuse * openness[index] + (1.0 - diffuse) * lit * facing + from_floor;
                 brightness
                     .push(feeder_model::camera::grey_level(raster.reflectances[index] * light * BRIGHTNESS_UNITS));
             }
@@ -254,7 +261,7 @@ impl Lamp<'_> {
             if height_m - point.height_m > point.drop_m
                 && let Some(wall) = relief.walls[index]
             {
-                return Sight::Surface(wall.reflectance * shading.on_wall(wall.normal));
+                return Sight::Surface(wall.reflectance * (shading.on_wall(wall.normal) + 0.5 * relief.thrown_back));
             }
             return Sight::Surface(f32::from(self.brightness[index]) * (1.0 / BRIGHTNESS_UNITS));
         }
@@ -367,7 +374,7 @@ mod tests {
     /// Area of the texels that show a block of 6 x 4 mm, lying flat, m².
     fn area_m2(texel_m: f64) -> f64 {
         let solid = PartSolid::of_catalogue("block");
-        let relief = Relief::new(&solid, &solid.poses[0], texel_m, 1.0, &[0.0]);
+        let relief = Relief::new(&solid, &solid.poses[0], texel_m, 1.0, &[0.0], 0.0);
         relief.heights_m.iter().filter(|height_m| **height_m > 0.0).count() as f64 * texel_m.powi(2)
     }
 

@@ -266,6 +266,24 @@ mod tests {
     }
 
     #[test]
+    fn a_bright_floor_lights_the_sides_of_parts_and_nothing_else() {
+        let mut scene = scene("block", 0.0);
+        scene.light.white_level *= 0.5;
+        let view = part(0.05, 4.5, 0);
+        // A block is seen with its sides where it lies aside, and without where it lies below the camera.
+        let brighter = |beside_m: Vector2<f64>| {
+            let shot = TrayShot::still(Isometry2::new(Vector2::new(0.3 - view.x_m, 0.3 - view.y_m) + beside_m, 0.0));
+            let mut lit = GrayImage::default();
+            let mut renderer = Renderer::with_parts(&scene, PartPainter::lit_by_the_floor_too).unwrap();
+            renderer.render(&shot, &[view], &mut Pcg64Mcg::seed_from_u64(1), &mut lit).unwrap();
+            let plain = picture(&scene, &shot, &[view]);
+            lit.iter().zip(plain.iter()).map(|(lit, plain)| i64::from(*lit) - i64::from(*plain)).sum::<i64>()
+        };
+        let (aside, below) = (brighter(Vector2::new(0.08, 0.0)), brighter(Vector2::zeros()));
+        assert!(aside > 300 && below.abs() < aside / 5, "aside {aside}, below {below}");
+    }
+
+    #[test]
     fn the_hub_and_the_plateau_hide_what_lies_behind() {
         let scene = scene("grommet", 0.0);
         // Far from under the camera, lines of sight are slanted enough.

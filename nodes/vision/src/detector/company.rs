@@ -20,8 +20,8 @@ const ADAPTED_MIN: usize = 6;
 /// A rival explanation that is led by less than this, per texel, is as good.
 const LEAD_MIN: f32 = 0.05;
 /// What parts under one light differ by among each other at least, in spreads of the modes; and a part alone from the one taught.
-const PART_SPREADS: Amounts = [0.3, 0.2, 0.4, 0.1, 0.1, 0.1, 0.1, 1.0, 0.5];
-const LONE_SPREADS: Amounts = [0.3, 0.3, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3];
+const PART_SPREADS: Amounts = [0.3, 0.2, 0.4, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 1.0, 0.5];
+const LONE_SPREADS: Amounts = [0.3, 0.3, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3];
 /// Where parts seem to differ by more than so many times that, things of another kind are among them.
 const PART_SPREADS_RATIO_MAX: f32 = 2.0;
 
@@ -30,11 +30,7 @@ impl Detector {
     fn beliefs(&self, view: &View, found: &[Found]) -> Vec<Belief> {
         let open = self.open_belief(view);
         // The same light falls on all poses.
-        let mut lights = [0.0; MODES];
-        for mode in modes::OTHER_LIGHTS {
-            let fits = found.iter().map(|part| part.fit).filter(|fit| fit.cost <= ALIKE_COST_MAX);
-            lights[mode] = median(&mut fits.map(|fit| fit.amounts[mode]).collect::<Vec<f32>>());
-        }
+        let lights = shared_light(found.iter().map(|part| &part.fit));
         let belief = |pose: usize| {
             let sought = &self.sought[pose];
             let of_pose = |part: &Found| part.pose == pose && part.fit.cost <= ALIKE_COST_MAX;
@@ -166,6 +162,26 @@ impl Detector {
         let rival = rival.filter(|rival| self.yaws_differ(part.pose, fit.yaw_rad, rival.yaw_rad));
         part.yaw_lead = rival.and_then(led);
     }
+}
+
+/// The amounts of other lights in which parts are seen: the same light falls on all.
+fn shared_light<'a>(fits: impl Iterator<Item = &'a Fit>) -> Amounts {
+    let fits: Vec<&Fit> = fits.filter(|fit| fit.cost <= ALIKE_COST_MAX).collect();
+    let mut lights = [0.0; MODES];
+    for mode in modes::OTHER_LIGHTS {
+        lights[mode] = median(&mut fits.iter().map(|fit| fit.amounts[mode]).collect::<Vec<f32>>());
+    }
+    lights
+}
+
+/// What parts that lie in the same light tell of it about another one, if they are enough.
+pub(in super::super) fn belief_of_light(fits: &[Fit], open: &Belief) -> Option<Belief> {
+    let lights = shared_light(fits.iter());
+    let mut belief = open.clone();
+    for mode in modes::OTHER_LIGHTS {
+        (belief.middle[mode], belief.spread[mode]) = (lights[mode], PART_SPREADS[mode]);
+    }
+    (fits.iter().filter(|fit| fit.cost <= ALIKE_COST_MAX).count() >= ALIKE_MIN).then_some(belief)
 }
 
 /// The middle of some values; 0 without any.

@@ -20,7 +20,7 @@ use super::sought::{SHADE_SIGMA, Sought, Turn};
 use super::surround::{Samples, Surround};
 use super::template::PartModel;
 use super::view::{RayTable, View};
-pub(super) use company::ALIKE_MIN;
+pub(super) use company::{ALIKE_MIN, belief_of_light};
 use explain::{clip, covered};
 use feeder_model::camera::{CameraModel, MountedTray};
 use guess::{glance_at, turns_at};
@@ -161,7 +161,13 @@ impl Detector {
     }
 
     /// The best fit of a pose whose centre lies within `reach_m` of what a pixel sees, in the frame looked at last.
-    pub(super) fn near(&self, view: &View, pose: usize, pixel: Point2<f64>, reach_m: f64) -> Option<Fit> {
+    pub(super) fn near(
+        &self,
+        view: &View,
+        pose: usize,
+        (pixel, reach_m): (Point2<f64>, f64),
+        belief: &Belief,
+    ) -> Option<Fit> {
         const TRIED: usize = 6;
         let sought = self.sought.get(pose)?;
         let window = self.segmentation.window;
@@ -187,8 +193,11 @@ impl Detector {
         for (_, seed) in seeds.into_iter().take(TRIED) {
             self.guess(view, seed, &mut guesses);
         }
-        let fits = guesses.into_iter().filter_map(|guess| self.fitted(view, guess)).map(|found| found.fit);
-        fits.max_by(|a, b| a.evidence.total_cmp(&b.evidence))
+        let fits = guesses.into_iter().filter_map(|guess| self.fitted(view, guess, belief)).map(|found| found.fit);
+        let within = |fit: &Fit| {
+            view.pixel(fit.centre, sought.plane_m).is_some_and(|place| (place - pixel).norm() <= reach_px + 0.5)
+        };
+        fits.filter(within).max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
 
     /// Finds parts that miss their template by at most `cost_max`, the likeliest first.
@@ -208,7 +217,8 @@ impl Detector {
             self.guess(&view, seed, &mut guesses);
         }
         let guesses = self.distinct(guesses);
-        let mut fits: Vec<Found> = guesses.into_iter().filter_map(|guess| self.fitted(&view, guess)).collect();
+        let open = self.open_belief(&view);
+        let mut fits: Vec<Found> = guesses.into_iter().filter_map(|guess| self.fitted(&view, guess, &open)).collect();
         fits.sort_by(|a, b| b.fit.evidence.total_cmp(&a.fit.evidence));
         let mut owners = std::mem::take(&mut self.owners);
         let mut found = self.explain(&view, fits, &mut owners);
@@ -257,12 +267,11 @@ impl Detector {
         });
     }
 
-    /// The fit that a guess leads to.
-    fn fitted(&self, view: &View, guess: Found) -> Option<Found> {
+    /// The fit that a guess leads to by what is believed of parts.
+    fn fitted(&self, view: &View, guess: Found, belief: &Belief) -> Option<Found> {
         let nobody = Owners { of: &self.owners, own: 0, beside_sigma: SHADE_SIGMA };
-        let belief = self.open_belief(view);
         let refined = |start: Fit, fineness: Fineness| {
-            refine(&self.segmentation, view, &self.sought[guess.pose], start, &nobody, &belief, fineness)
+            refine(&self.segmentation, view, &self.sought[guess.pose], start, &nobody, belief, fineness)
         };
         let rough = refined(guess.fit, Fineness::Rough).filter(|fit| fit.cost <= ROUGH_COST_MAX)?;
         let fit = refined(rough, Fineness::Full)?;
@@ -276,7 +285,7 @@ impl Detector {
 
     /// The fit of a pose that a guess of place and yaw leads to, in the frame looked at last.
     pub(super) fn fit_from(&self, view: &View, pose: usize, guess: Fit) -> Option<Fit> {
-        self.fitted(view, Found::new(pose, guess)).map(|found| found.fit)
+        self.fitted(view, Found::new(pose, guess), &self.open_belief(view)).map(|found| found.fit)
     }
 
     /// Where the tray frame shows something that no part found covers, further than `strip_px` from the plateau's edges, and

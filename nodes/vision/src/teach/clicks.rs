@@ -7,8 +7,8 @@ use image::GrayImage;
 use nalgebra::{Isometry2, Point2, Vector2};
 
 use super::super::align::Fit;
-use super::super::detector::Detector;
-use super::super::modes::Light;
+use super::super::detector::{Detector, belief_of_light};
+use super::super::modes::{Belief, Light};
 use super::super::template::PartModel;
 use super::super::view::View;
 use super::exam::Exam;
@@ -113,18 +113,37 @@ pub fn fit_clicks(
     tray: &MountedTray,
     contrast_min_levels: f64,
 ) -> Result<Vec<FittedClick>, TeachError> {
+    for at in pictures.iter().flat_map(|picture| picture.clicks) {
+        if let ClickLabel::Pose(pose) = at.label {
+            let known = pose < model.poses.len();
+            OutOfRange::unless(known, "teach.clicks.pose", pose as f64, "an index of the poses taught")?;
+        }
+    }
     let mut detector = Detector::new(camera, tray, model, Light::Any);
+    // One light falls on all that is shown: each part alone may be taken for one in another light that lies elsewhere.
+    let mut alone = Vec::new();
+    for (picture, shown) in pictures.iter().enumerate() {
+        let fault = |source| TeachError::Frame { index: picture, source };
+        detector.look(shown.image, &shown.platen_from_tray, contrast_min_levels).map_err(fault)?;
+        let view = View { camera, tray, platen_from_tray: shown.platen_from_tray };
+        let open = detector.open_belief(&view);
+        let near = |at: &Click| match at.label {
+            ClickLabel::Pose(pose) => detector.near(&view, pose, (at.pixel, CLICK_MISS_M), &open),
+            ClickLabel::Other | ClickLabel::Foreign => None,
+        };
+        alone.extend(shown.clicks.iter().filter_map(near));
+    }
     let mut fits = Vec::new();
     for (picture, shown) in pictures.iter().enumerate() {
         let fault = |source| TeachError::Frame { index: picture, source };
         detector.look(shown.image, &shown.platen_from_tray, contrast_min_levels).map_err(fault)?;
         let view = View { camera, tray, platen_from_tray: shown.platen_from_tray };
+        let open = detector.open_belief(&view);
+        let belief = belief_of_light(&alone, &open).unwrap_or(open);
         let first = fits.len();
         for (click, at) in shown.clicks.iter().enumerate() {
             let ClickLabel::Pose(pose) = at.label else { continue };
-            let known = pose < model.poses.len();
-            OutOfRange::unless(known, "teach.clicks.pose", pose as f64, "an index of the poses taught")?;
-            let mut fitted = fit(&detector, &view, pose, at.pixel);
+            let mut fitted = fit(&detector, &view, pose, at.pixel, &belief);
             let same = |other: &FittedClick| match (other.part, fitted.part) {
                 (Some(a), Some(b)) => (a.place - b.place).norm() < 0.5 * detector.sought[pose].radius_m,
                 _ => false,
@@ -141,9 +160,9 @@ pub fn fit_clicks(
 }
 
 /// The part in a pose near a pixel.
-fn fit(detector: &Detector, view: &View, pose: usize, pixel: Point2<f64>) -> FittedClick {
+fn fit(detector: &Detector, view: &View, pose: usize, pixel: Point2<f64>, belief: &Belief) -> FittedClick {
     let none = FittedClick { picture: 0, click: 0, part: None, miss: 0.0, doubt: Some(ClickDoubt::NotFound) };
-    let near = |pose: usize| detector.near(view, pose, pixel, CLICK_MISS_M);
+    let near = |pose: usize| detector.near(view, pose, (pixel, CLICK_MISS_M), belief);
     let Some(found) = near(pose) else { return none };
     let Fit { centre, yaw_rad, cost, .. } = found;
     // Another pose must not do better in the same place.

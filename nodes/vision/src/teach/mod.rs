@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::modes::Light;
 use super::segment::{Plateau, PlateauSums, RADIAL_BINS, RELATIVE_UNITS, Segmentation, TaughtLight, hub_level};
 use super::template::{
-    Aspect, LIGHTS_ALL_ROUND, LitPicture, PartModel, Plane, SIDE_MAX, period_rad, texel_place_m, yaw_steps,
+    Aspect, LIGHTS_ALL_ROUND, LitPicture, PartModel, Plane, SIDE_MAX, SIDES, period_rad, texel_place_m, yaw_steps,
 };
 use super::view::{RayTable, View};
 use super::{ImageFault, require_above};
@@ -34,6 +34,9 @@ const PLATEAU_MARGIN_PX: usize = 4;
 const SHOWN_MIN: usize = 12;
 /// How often labels are fitted and the templates learned anew, where labels are found to be off.
 const LABEL_ROUNDS: usize = 3;
+/// Parts that the walls shade by more than this, of the plateau's brightness, tell nothing of light from one side.
+const WALL_SHADE_MAX: f64 = 0.3;
+
 /// A part as it was laid for a picture, in the tray frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LaidPart {
@@ -147,8 +150,15 @@ pub enum TeachError {
     },
 }
 
-/// Learns a part from pictures of it lying free on the plateau, and of the bare plateau. `all_round` are the same in each of the
-/// lights from all sides.
+/// Pictures of parts and of the bare plateau in lights other than the one taught.
+pub struct OtherLights<'a> {
+    /// In each of the lights from all sides.
+    pub all_round: [Vec<TeachFrame<'a>>; LIGHTS_ALL_ROUND],
+    /// In low light from one side: where that comes from, counter-clockwise from the platen's x, rad.
+    pub from_side: Vec<(f64, Vec<TeachFrame<'a>>)>,
+}
+
+/// Learns a part from pictures of it lying free on the plateau, and of the bare plateau, and from the same in other lights.
 ///
 /// # Errors
 ///
@@ -156,7 +166,7 @@ pub enum TeachError {
 /// apart.
 pub fn teach(
     frames: &[TeachFrame],
-    all_round: &[Vec<TeachFrame>; LIGHTS_ALL_ROUND],
+    other_lights: &OtherLights,
     camera: &CameraModel,
     tray: &MountedTray,
     spec: &TeachSpec,
@@ -170,7 +180,9 @@ pub fn teach(
         let radius_ok = pose.radius_m() > 0.0 && side <= SIDE_MAX as f64;
         OutOfRange::unless(radius_ok, "teach.poses.outline_m", pose.radius_m(), "a reach above 0, and at most 75 px")?;
     }
-    for part in frames.iter().chain(all_round.iter().flatten()).flat_map(|frame| frame.parts) {
+    let from_side = other_lights.from_side.iter().flat_map(|(_, frames)| frames);
+    let otherwise_lit = other_lights.all_round.iter().flatten().chain(from_side);
+    for part in frames.iter().chain(otherwise_lit).flat_map(|frame| frame.parts) {
         OutOfRange::unless(
             part.pose < spec.poses.len(),
             "teach.parts.pose",
@@ -178,22 +190,15 @@ pub fn teach(
             "an index of teach.poses",
         )?;
     }
-    let mut lit: Vec<Vec<LitPicture>> = vec![Vec::new(); spec.poses.len()];
-    for frames in all_round {
-        let mut lesson = Lesson::new(camera, tray, spec);
-        let (_, plateau) = lesson.plateau(frames)?;
-        for (pose, views) in lesson.views(frames, &plateau)?.iter().enumerate() {
-            lit[pose].push(lesson.all_round(pose, views)?);
-        }
-    }
-    let mut model = learn(frames, camera, tray, spec, &Known::AllRound(&lit))?;
+    let lit = lit(other_lights, camera, tray, spec)?;
+    let mut model = learn(frames, camera, tray, spec, &Known::Lit(&lit))?;
     let mut laid: Vec<Vec<LaidPart>> = frames.iter().map(|frame| frame.parts.to_vec()).collect();
     for _ in 0..LABEL_ROUNDS {
         let Some(fitted) = labels::fitted(frames, &laid, &model, camera, tray, spec)? else { break };
         laid = fitted;
         let frames: Vec<TeachFrame> =
             frames.iter().zip(&laid).map(|(frame, parts)| TeachFrame { parts, ..*frame }).collect();
-        model = learn(&frames, camera, tray, spec, &Known::AllRound(&lit))?;
+        model = learn(&frames, camera, tray, spec, &Known::Lit(&lit))?;
     }
     let frames: Vec<TeachFrame> =
         frames.iter().zip(&laid).map(|(frame, parts)| TeachFrame { parts, ..*frame }).collect();
@@ -203,10 +208,44 @@ pub fn teach(
 
 /// What is known of a part before its templates are learned.
 enum Known<'a> {
-    /// What each pose looks like in lights from all sides.
-    AllRound(&'a [Vec<LitPicture>]),
+    /// What each pose looks like in other lights.
+    Lit(&'a [Lit]),
     /// All that a drawing shows: only what differs from it is learned.
     Drawn(&'a PartModel),
+}
+
+/// What a pose looks like in other lights.
+struct Lit {
+    all_round: Vec<LitPicture>,
+    from_side: [Plane; SIDES],
+}
+
+/// What each pose looks like in other lights.
+fn lit(
+    lights: &OtherLights,
+    camera: &CameraModel,
+    tray: &MountedTray,
+    spec: &TeachSpec,
+) -> Result<Vec<Lit>, TeachError> {
+    let mut lesson = Lesson::new(camera, tray, spec);
+    let mut all_round: Vec<Vec<LitPicture>> = vec![Vec::new(); spec.poses.len()];
+    for frames in &lights.all_round {
+        let (_, plateau) = lesson.plateau(frames)?;
+        for (pose, views) in lesson.views(frames, &plateau, None)?.iter().enumerate() {
+            all_round[pose].push(lesson.all_round(pose, views)?);
+        }
+    }
+    let mut from_side: Vec<Vec<Seen>> = spec.poses.iter().map(|_| Vec::new()).collect();
+    for (azimuth_rad, frames) in &lights.from_side {
+        let (_, plateau) = lesson.plateau(frames)?;
+        for (all, views) in from_side.iter_mut().zip(lesson.views(frames, &plateau, Some(*azimuth_rad))?) {
+            all.extend(views.into_iter().filter(Seen::is_lit));
+        }
+    }
+    let poses = all_round.into_iter().zip(&from_side).enumerate();
+    poses
+        .map(|(pose, (all_round, views))| Ok(Lit { all_round, from_side: lesson.lit_from_side(pose, views)? }))
+        .collect()
 }
 
 /// The templates, without what an exam tells about them.
@@ -234,12 +273,13 @@ fn learn(
             return Err(TeachError::OtherCamera { found_m, side, expected_m, expected_side });
         }
     }
-    let views = lesson.views(frames, &plateau)?;
+    let views = lesson.views(frames, &plateau, None)?;
     for (pose, views) in views.iter().enumerate() {
         let steps = yaw_steps(spec.poses[pose].yaw_symmetry);
         let mut template = lesson.template(pose, views, steps, drawn.get(pose))?;
-        if let Known::AllRound(lit) = known {
-            template.lights.clone_from(&lit[pose]);
+        if let Known::Lit(lit) = known {
+            template.lights.clone_from(&lit[pose].all_round);
+            template.from_side.clone_from(&lit[pose].from_side);
         }
         model.poses.push(template);
     }
@@ -250,9 +290,19 @@ fn learn(
 /// A part seen once.
 struct Seen {
     aspect: Aspect,
+    /// Where low light comes from in the part's directions, rad, if from one side.
+    lamp_rad: Option<f64>,
     /// Texels of its template; `None` where they lie off the plateau.
     texels: Vec<Option<Texel>>,
     sigma: f32,
+}
+
+impl Seen {
+    /// Whether it lies where the walls leave most of the light.
+    fn is_lit(&self) -> bool {
+        let shades = self.texels.iter().flatten().map(|texel| texel.wall_shade);
+        shades.sum::<f64>() > -WALL_SHADE_MAX * self.texels.len() as f64
+    }
 }
 
 #[derive(Clone, Copy)]
@@ -338,8 +388,13 @@ impl<'a> Lesson<'a> {
         Ok((taught, Plateau { taught: Some(taught), shade: sums.iter().map(shade).collect() }))
     }
 
-    /// Every part laid, as it was seen, by pose.
-    fn views(&mut self, frames: &[TeachFrame], plateau: &Plateau) -> Result<Vec<Vec<Seen>>, TeachError> {
+    /// Every part laid, as it was seen, by pose, in light from one side if that comes from anywhere.
+    fn views(
+        &mut self,
+        frames: &[TeachFrame],
+        plateau: &Plateau,
+        azimuth_rad: Option<f64>,
+    ) -> Result<Vec<Vec<Seen>>, TeachError> {
         let mut views: Vec<Vec<Seen>> = self.spec.poses.iter().map(|_| Vec::new()).collect();
         for (index, frame) in frames.iter().enumerate().filter(|(_, frame)| !frame.parts.is_empty()) {
             self.look(frame, index, plateau)?;
@@ -355,7 +410,8 @@ impl<'a> Lesson<'a> {
                 let height_m = self.tray.plateau_height_m() + 0.5 * spec.height_m;
                 let aspect = Aspect { yaw_rad: folded_rad, slant: view.slant(part.place, height_m) };
                 if let Some(texels) = self.sample(&view, spec, part.place, yaw_rad) {
-                    views[part.pose].push(Seen { aspect, texels, sigma: self.segmentation.sigma });
+                    let lamp_rad = azimuth_rad.map(|azimuth_rad| azimuth_rad - folded_rad);
+                    views[part.pose].push(Seen { aspect, lamp_rad, texels, sigma: self.segmentation.sigma });
                 }
             }
         }

@@ -3,7 +3,9 @@
 use nalgebra::{DMatrix, DVector, Point2};
 
 use super::super::surround::{DIRECTIONS, DISTANCES};
-use super::super::template::{Factors, LIGHTS_MAX, LitPicture, Plane, PoseTemplate, SLANT_PLANES, texel_place_m};
+use super::super::template::{
+    Factors, LIGHTS_MAX, LitPicture, Plane, PoseTemplate, SIDES, SLANT_PLANES, texel_place_m,
+};
 use super::{Lesson, SHOWN_MIN, Seen, TeachError, Texel};
 use feeder_model::camera::single;
 use feeder_model::geometry::apart::distance_m;
@@ -14,6 +16,8 @@ use feeder_model::geometry::apart::distance_m;
 const YAW_RIDGE: f64 = 0.3;
 const SLANT_RIDGE: f64 = 1.0;
 const WALL_SHADE_RIDGE: f64 = 0.05;
+/// The same of light from one side, which is taken to add nothing, in parts shown.
+const SIDE_RIDGE: f64 = 1.0;
 /// By how much more a drawing is believed about what depends on yaw and slant than that they change nothing, and how many
 /// parts it counts for where the scatter about the pictures is asked for.
 const DRAWN_RATIO: f64 = 4.0;
@@ -22,25 +26,25 @@ const DRAWN_VIEWS: f64 = 4.0;
 const DRAWN_SHOWN: f64 = 0.2;
 
 impl Lesson<'_> {
-    /// The template of a pose by least squares, texel by texel, with so many steps of yaw.
-    pub(super) fn template(
+    /// The pictures that make up a pose's by least squares, texel by texel, with so many steps of yaw: at those, by slant, by the walls'
+    /// shade and by where low light comes from; and the scatter about them.
+    fn planes(
         &self,
         pose: usize,
         views: &[Seen],
         steps: usize,
         drawn: Option<&PoseTemplate>,
-    ) -> Result<PoseTemplate, TeachError> {
+    ) -> Result<(Vec<Plane>, Plane), TeachError> {
         let too_few = TeachError::TooFew { pose, shown: views.len() };
-        match drawn {
-            None if views.len() < SHOWN_MIN => return Err(too_few),
-            Some(drawn) if views.is_empty() => return Ok(drawn.clone()),
-            _ => {}
+        if drawn.is_none() && views.len() < SHOWN_MIN {
+            return Err(too_few);
         }
         let spec = &self.spec.poses[pose];
         let side = self.side(spec);
         let drawn_planes: Vec<&Plane> = drawn.map_or_else(Vec::new, PoseTemplate::planes);
         let wall_shade = steps + 1 + SLANT_PLANES;
-        let unknowns = wall_shade + 1;
+        let from_side = wall_shade + 1;
+        let unknowns = from_side + SIDES;
         let mut beliefs = DMatrix::<f64>::zeros(unknowns, unknowns);
         // Beside a drawing the unknowns are what differs from it.
         let ratio = if drawn.is_some() { DRAWN_RATIO } else { 1.0 };
@@ -53,6 +57,9 @@ impl Lesson<'_> {
             beliefs[(plane, plane)] += ratio * SLANT_RIDGE;
         }
         beliefs[(wall_shade, wall_shade)] += ratio * WALL_SHADE_RIDGE;
+        for plane in from_side..unknowns {
+            beliefs[(plane, plane)] += SIDE_RIDGE;
+        }
         // What never was seen is taken to be bare, or as drawn.
         beliefs[(0, 0)] += if drawn.is_some() { DRAWN_SHOWN } else { 1e-3 };
         let factors: Vec<Factors> = views.iter().map(|seen| seen.aspect.factors(spec.yaw_symmetry, steps)).collect();
@@ -64,7 +71,10 @@ impl Lesson<'_> {
             let mut target = DVector::<f64>::zeros(unknowns);
             let expected: Vec<f64> = match drawn_planes.is_empty() {
                 true => vec![0.0; unknowns],
-                false => drawn_planes.iter().map(|plane| f64::from(plane.values()[texel])).collect(),
+                false => {
+                    let drawn = drawn_planes.iter().map(|plane| f64::from(plane.values()[texel]));
+                    drawn.chain([0.0; SIDES]).collect()
+                }
             };
             let beside = distance_m(&spec.outline_m, &Point2::from(texel_place_m(texel, side, self.texel_m()))) > 0.0;
             if drawn.is_none() {
@@ -79,6 +89,9 @@ impl Lesson<'_> {
                     let mut row: Vec<(usize, f64)> = at_yaws.map(|(after, w)| (factors.first + after, w)).collect();
                     row.extend(factors.slant.into_iter().enumerate().map(|(plane, w)| (steps + 1 + plane, w)));
                     row.push((wall_shade, shade));
+                    if let Some(lamp_rad) = seen.lamp_rad {
+                        row.extend([(from_side, lamp_rad.cos()), (from_side + 1, lamp_rad.sin())]);
+                    }
                     let expected: f64 = row.iter().map(|(i, w)| w * expected[*i]).sum();
                     Some((row, level - expected))
                 })
@@ -98,7 +111,7 @@ impl Lesson<'_> {
             };
             let square: f64 = rows.iter().map(miss).sum();
             let variance = match drawn {
-                None => square / rows.len().saturating_sub(unknowns).max(1) as f64,
+                None => square / rows.len().saturating_sub(from_side).max(1) as f64,
                 Some(drawn) => {
                     let drawn = f64::from(drawn.deviation.values()[texel].powi(2) + mean_noise);
                     (square + DRAWN_VIEWS * drawn) / (rows.len().saturating_sub(1) as f64 + DRAWN_VIEWS)
@@ -106,9 +119,28 @@ impl Lesson<'_> {
             };
             deviations.push((single(variance) - mean_noise).max(0.0).sqrt());
         }
-        let mut planes = planes.into_iter().map(|values| Plane::new(side, values));
+        let planes = planes.into_iter().map(|values| Plane::new(side, values)).collect();
+        Ok((planes, Plane::new(side, deviations)))
+    }
+
+    /// The template of a pose with so many steps of yaw.
+    pub(super) fn template(
+        &self,
+        pose: usize,
+        views: &[Seen],
+        steps: usize,
+        drawn: Option<&PoseTemplate>,
+    ) -> Result<PoseTemplate, TeachError> {
+        if let Some(drawn) = drawn.filter(|_| views.is_empty()) {
+            return Ok(drawn.clone());
+        }
+        let spec = &self.spec.poses[pose];
+        let side = self.side(spec);
+        let (planes, deviation) = self.planes(pose, views, steps, drawn)?;
+        let nothing = || Plane::new(side, vec![0.0; side * side]);
+        let mut planes = planes.into_iter();
         let at_yaws = planes.by_ref().take(steps + 1).collect();
-        let mut next = || planes.next().unwrap_or_else(|| Plane::new(side, vec![0.0; side * side]));
+        let mut next = || planes.next().unwrap_or_else(nothing);
         Ok(PoseTemplate {
             height_m: spec.height_m,
             yaw_symmetry: spec.yaw_symmetry,
@@ -116,6 +148,7 @@ impl Lesson<'_> {
             miss_max: 1.0,
             evidence_min: drawn.map_or(0.0, |drawn| drawn.evidence_min),
             lights: drawn.map_or_else(Vec::new, lights),
+            from_side: drawn.map_or_else(|| [nothing(), nothing()], |drawn| drawn.from_side.clone()),
             surround: Plane::new(DIRECTIONS, vec![0.0; DIRECTIONS * DISTANCES]),
             surround_scatter: Plane::new(DIRECTIONS, vec![0.0; DIRECTIONS * DISTANCES]),
             texel_m: self.texel_m(),
@@ -126,7 +159,7 @@ impl Lesson<'_> {
             slant_xy: next(),
             slant_yy: next(),
             wall_shade: next(),
-            deviation: Plane::new(side, deviations),
+            deviation,
             outline_m: spec.outline_m.clone(),
         })
     }
@@ -135,6 +168,13 @@ impl Lesson<'_> {
     pub(super) fn all_round(&self, pose: usize, views: &[Seen]) -> Result<LitPicture, TeachError> {
         let template = self.template(pose, views, 0, None)?;
         Ok(lit(&template))
+    }
+
+    /// What it adds to a pose's picture that low light comes from along its x, and along its y.
+    pub(super) fn lit_from_side(&self, pose: usize, views: &[Seen]) -> Result<[Plane; SIDES], TeachError> {
+        let (mut planes, _) = self.planes(pose, views, 0, None)?;
+        let side = planes.split_off(planes.len() - SIDES);
+        side.try_into().map_err(|_| TeachError::TooFew { pose, shown: views.len() })
     }
 }
 

@@ -125,16 +125,46 @@ fn taught(part: &PartType) -> PartModel {
     }
     let images: Vec<GrayImage> =
         lessons.iter().map(|parts| shoot(&mut renderer, &over_camera(), parts, &mut random)).collect();
-    let lit = lit_all_round(&scene, &lessons, &mut random);
-    let lit = std::array::from_fn(|light| frames(&lit[light], &lessons));
-    teach(&frames(&images, &lessons), &lit, &scene.camera, &scene.tray, &drawing(part)).unwrap()
+    let lit = Lit::new(&scene, &lessons, &mut random);
+    teach(&frames(&images, &lessons), &lit.frames(), &scene.camera, &scene.tray, &drawing(part)).unwrap()
 }
 
-/// The same parts in each of the lights from all sides.
-fn lit_all_round(scene: &Scene, lessons: &[Vec<LaidPart>], noise: &mut Pcg64Mcg) -> [Vec<GrayImage>; LIGHTS_ALL_ROUND] {
-    AllRound::of_lessons(scene)
-        .unwrap()
-        .map(|mut ring| lessons.iter().map(|parts| shoot_all_round(&mut ring, parts, noise)).collect())
+/// Pictures of parts in other lights.
+struct Lit {
+    all_round: [Vec<GrayImage>; LIGHTS_ALL_ROUND],
+    from_side: Vec<(f64, Vec<GrayImage>)>,
+    lessons: Vec<Vec<LaidPart>>,
+    /// Those shown in light from each side.
+    from_side_lessons: Vec<Vec<LaidPart>>,
+}
+
+impl Lit {
+    fn new(scene: &Scene, lessons: &[Vec<LaidPart>], noise: &mut Pcg64Mcg) -> Self {
+        let mut rings = AllRound::of_lessons(scene).unwrap();
+        let all_round = std::array::from_fn(|light| {
+            lessons.iter().map(|parts| shoot_all_round(&mut rings[light], parts, noise)).collect()
+        });
+        // Of many, a few for each of the six lamps are enough.
+        let every = if lessons.len() > 20 { 4 } else { 1 };
+        let from_side_lessons: Vec<Vec<LaidPart>> = lessons.iter().step_by(every).cloned().collect();
+        let [.., low] = &mut rings;
+        let from_side = low.lamps().map(|(azimuth_rad, lamp)| {
+            (azimuth_rad, from_side_lessons.iter().map(|parts| shoot(lamp, &over_camera(), parts, noise)).collect())
+        });
+        let from_side = from_side.collect();
+        Self { all_round, from_side, lessons: lessons.to_vec(), from_side_lessons }
+    }
+
+    fn frames(&self) -> OtherLights<'_> {
+        OtherLights {
+            all_round: std::array::from_fn(|light| frames(&self.all_round[light], &self.lessons)),
+            from_side: self
+                .from_side
+                .iter()
+                .map(|(azimuth_rad, images)| (*azimuth_rad, frames(images, &self.from_side_lessons)))
+                .collect(),
+        }
+    }
 }
 
 /// A picture under a ring of lamps, the tray under the camera.
@@ -421,10 +451,10 @@ fn teaching_refuses_poses_that_look_the_same_or_are_not_shown() {
     let bare = shoot(&mut renderer, &over_camera(), &[], &mut random);
     let bare = TeachFrame { image: &bare, platen_from_tray: over_camera(), parts: &[] };
     let spec = drawing(&GROMMET);
-    // Of lights from all sides a frame of each pose is enough.
+    // Of other lights a frame of each pose is enough.
     let lessons: Vec<Vec<LaidPart>> = (0..2).map(|pose| strewn(&GROMMET, Some(pose), 20, 0.009, &mut random)).collect();
-    let lit = lit_all_round(&scene, &lessons, &mut random);
-    let lit = std::array::from_fn(|light| crate::tests::frames(&lit[light], &lessons));
+    let lit = Lit::new(&scene, &lessons, &mut random);
+    let lit = lit.frames();
     let taught = |frames: &[TeachFrame], spec: &TeachSpec| teach(frames, &lit, &scene.camera, &scene.tray, spec);
     assert!(matches!(taught(&[], &spec), Err(TeachError::NoBarePlateau)));
     assert!(matches!(taught(&[bare], &spec), Err(TeachError::TooFew { pose: 0, shown: 0 })));
