@@ -140,6 +140,7 @@ mod tests {
         assert!((rate(1) - 60.0 / one_s).abs() < 1e-9);
         assert!((rate(4) - 240.0 / (one_s + 3.0 * (4.0 / 3.0 + 0.65))).abs() < 1e-9);
         assert_eq!(Oracle::of(&trips(1), 0, 4.0), None);
+        assert_eq!(Oracle::of(&trips(1), 3, 0.0), None);
         assert_eq!(Oracle::of(&Trips::default(), 3, 4.0), None);
     }
 }

@@ -170,8 +170,13 @@ impl Lesson<'_> {
         Ok(lit(&template))
     }
 
-    /// What it adds to a pose's picture that low light comes from along its x, and along its y.
+    /// What it adds to a pose's picture that low light comes from along its x, and along its y: nothing is known where the walls leave
+    /// too few parts in it.
     pub(super) fn lit_from_side(&self, pose: usize, views: &[Seen]) -> Result<[Plane; SIDES], TeachError> {
+        if views.len() < SHOWN_MIN {
+            let side = self.side(&self.spec.poses[pose]);
+            return Ok([0.0; SIDES].map(|nothing| Plane::new(side, vec![nothing; side * side])));
+        }
         let (mut planes, _) = self.planes(pose, views, 0, None)?;
         let side = planes.split_off(planes.len() - SIDES);
         side.try_into().map_err(|_| TeachError::TooFew { pose, shown: views.len() })

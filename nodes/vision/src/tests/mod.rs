@@ -472,6 +472,23 @@ fn teaching_refuses_poses_that_look_the_same_or_are_not_shown() {
     assert!(matches!(taught(&[black], &spec), Err(TeachError::Frame { index: 0, source: ImageFault::UnderExposed })));
 }
 
+/// As where walls are so high that low light reaches hardly anything on the plateau.
+#[test]
+fn a_part_is_taught_where_nothing_is_seen_in_low_light_from_one_side() {
+    let scene = scene(&GROMMET, 2.0);
+    let mut renderer = Renderer::new(&scene).unwrap();
+    let mut random = Pcg64Mcg::seed_from_u64(1);
+    let mut lessons: Vec<Vec<LaidPart>> = vec![Vec::new(); 3];
+    lessons.extend((0..8).map(|index| strewn(&GROMMET, Some(index % 2), 9, 0.009, &mut random)));
+    let images: Vec<GrayImage> =
+        lessons.iter().map(|parts| shoot(&mut renderer, &over_camera(), parts, &mut random)).collect();
+    let lit = Lit::new(&scene, &lessons, &mut random);
+    let in_the_dark = OtherLights { from_side: Vec::new(), ..lit.frames() };
+    let frames = frames(&images, &lessons);
+    let model = teach(&frames, &in_the_dark, &scene.camera, &scene.tray, &drawing(&GROMMET)).unwrap();
+    assert!(model.poses.iter().flat_map(|pose| &pose.from_side).all(|plane| plane.values().iter().all(|v| *v == 0.0)));
+}
+
 #[test]
 fn bad_configurations_are_refused_by_name() {
     let scene = scene(&GROMMET, 2.0);
