@@ -87,6 +87,11 @@ struct Screen {
     below_plateau: bool,
 }
 
+/// Share of the light that the floor throws back onto parts.
+fn thrown_back(scene: &Scene) -> f32 {
+    THROWN_BACK_RATIO * single(scene.tray_appearance.surface_reflectance)
+}
+
 impl PartPainter {
     pub(crate) fn new(scene: &Scene) -> Self {
         Self::lit_as_steeply_as(scene, &[scene.light.in_tray(0.0).toward_lamp.norm()], 0.0)
@@ -94,15 +99,13 @@ impl PartPainter {
 
     /// The same where the floor lights upright faces and slopes, too.
     pub(crate) fn lit_by_the_floor_too(scene: &Scene) -> Self {
-        let thrown_back = THROWN_BACK_RATIO * single(scene.tray_appearance.surface_reflectance);
-        Self::lit_as_steeply_as(scene, &[scene.light.in_tray(0.0).toward_lamp.norm()], thrown_back)
+        Self::lit_as_steeply_as(scene, &[scene.light.in_tray(0.0).toward_lamp.norm()], thrown_back(scene))
     }
 
     /// The same whose light falls from a lamp near by, up to so steeply.
     pub(crate) fn lit_from_near_by(scene: &Scene, steepness_max: f64) -> Self {
         let middle = |step: usize| single(steepness_max * (step as f64 + 0.5) / NEAR_STEEPNESSES as f64);
-        let thrown_back = THROWN_BACK_RATIO * single(scene.tray_appearance.surface_reflectance);
-        Self::lit_as_steeply_as(scene, &std::array::from_fn::<f32, NEAR_STEEPNESSES, _>(middle), thrown_back)
+        Self::lit_as_steeply_as(scene, &std::array::from_fn::<f32, NEAR_STEEPNESSES, _>(middle), thrown_back(scene))
     }
 
     /// The same parts in this light, with its lamp at a place over the platen, m.

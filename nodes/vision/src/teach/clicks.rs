@@ -120,13 +120,17 @@ pub fn fit_clicks(
         }
     }
     let mut detector = Detector::new(camera, tray, model, Light::Any);
+    let look = |detector: &mut Detector, index: usize| -> Result<_, TeachError> {
+        let ClickedPicture { image, platen_from_tray, .. } = pictures[index];
+        let fault = |source| TeachError::Frame { index, source };
+        detector.look(image, &platen_from_tray, contrast_min_levels).map_err(fault)?;
+        let view = View { camera, tray, platen_from_tray };
+        Ok((view, detector.open_belief(&view)))
+    };
     // One light falls on all that is shown: each part alone may be taken for one in another light that lies elsewhere.
     let mut alone = Vec::new();
     for (picture, shown) in pictures.iter().enumerate() {
-        let fault = |source| TeachError::Frame { index: picture, source };
-        detector.look(shown.image, &shown.platen_from_tray, contrast_min_levels).map_err(fault)?;
-        let view = View { camera, tray, platen_from_tray: shown.platen_from_tray };
-        let open = detector.open_belief(&view);
+        let (view, open) = look(&mut detector, picture)?;
         let near = |at: &Click| match at.label {
             ClickLabel::Pose(pose) => detector.near(&view, pose, (at.pixel, CLICK_MISS_M), &open),
             ClickLabel::Other | ClickLabel::Foreign => None,
@@ -135,10 +139,7 @@ pub fn fit_clicks(
     }
     let mut fits = Vec::new();
     for (picture, shown) in pictures.iter().enumerate() {
-        let fault = |source| TeachError::Frame { index: picture, source };
-        detector.look(shown.image, &shown.platen_from_tray, contrast_min_levels).map_err(fault)?;
-        let view = View { camera, tray, platen_from_tray: shown.platen_from_tray };
-        let open = detector.open_belief(&view);
+        let (view, open) = look(&mut detector, picture)?;
         let belief = belief_of_light(&alone, &open).unwrap_or(open);
         let first = fits.len();
         for (click, at) in shown.clicks.iter().enumerate() {

@@ -44,7 +44,7 @@ impl Lesson<'_> {
         let drawn_planes: Vec<&Plane> = drawn.map_or_else(Vec::new, PoseTemplate::planes);
         let wall_shade = steps + 1 + SLANT_PLANES;
         let from_side = wall_shade + 1;
-        let unknowns = from_side + SIDES;
+        let unknowns = from_side + if views.iter().any(|seen| seen.lamp_rad.is_some()) { SIDES } else { 0 };
         let mut beliefs = DMatrix::<f64>::zeros(unknowns, unknowns);
         // Beside a drawing the unknowns are what differs from it.
         let ratio = if drawn.is_some() { DRAWN_RATIO } else { 1.0 };
@@ -71,10 +71,7 @@ impl Lesson<'_> {
             let mut target = DVector::<f64>::zeros(unknowns);
             let expected: Vec<f64> = match drawn_planes.is_empty() {
                 true => vec![0.0; unknowns],
-                false => {
-                    let drawn = drawn_planes.iter().map(|plane| f64::from(plane.values()[texel]));
-                    drawn.chain([0.0; SIDES]).collect()
-                }
+                false => drawn_planes.iter().map(|plane| f64::from(plane.values()[texel])).collect(),
             };
             let beside = distance_m(&spec.outline_m, &Point2::from(texel_place_m(texel, side, self.texel_m()))) > 0.0;
             if drawn.is_none() {
@@ -111,7 +108,7 @@ impl Lesson<'_> {
             };
             let square: f64 = rows.iter().map(miss).sum();
             let variance = match drawn {
-                None => square / rows.len().saturating_sub(from_side).max(1) as f64,
+                None => square / rows.len().saturating_sub(unknowns).max(1) as f64,
                 Some(drawn) => {
                     let drawn = f64::from(drawn.deviation.values()[texel].powi(2) + mean_noise);
                     (square + DRAWN_VIEWS * drawn) / (rows.len().saturating_sub(1) as f64 + DRAWN_VIEWS)
