@@ -13,16 +13,24 @@ fn said(path: &Path) -> Vec<String> {
     check(&Bag::open(path).unwrap()).iter().map(ToString::to_string).collect()
 }
 
-/// What is said of a bag of one topic with these messages, a millisecond apart.
-fn said_of(topic: NewTopic, messages: &[Vec<u8>]) -> Vec<String> {
-    let work = tempfile::tempdir().unwrap();
-    let folder = work.path().join("bag");
-    let mut writer = BagWriter::create(&folder, WriteSettings::default()).unwrap();
+/// When the bags of one topic begin: bags of real clocks do not at 0.
+const START_NS: u64 = 1_700_000_000_250_000_000;
+
+/// Writes a bag of one topic with these messages, a millisecond apart.
+fn write(folder: &Path, topic: NewTopic, messages: &[Vec<u8>]) {
+    let mut writer = BagWriter::create(folder, WriteSettings::default()).unwrap();
     let topic = writer.add_topic(topic).unwrap();
-    for (time_ns, data) in (0..).step_by(usize::try_from(STEP_NS).unwrap()).zip(messages) {
+    for (time_ns, data) in (START_NS..).step_by(usize::try_from(STEP_NS).unwrap()).zip(messages) {
         writer.write(topic, time_ns, time_ns, data).unwrap();
     }
     writer.finish().unwrap();
+}
+
+/// What is said of such a bag.
+fn said_of(topic: NewTopic, messages: &[Vec<u8>]) -> Vec<String> {
+    let work = tempfile::tempdir().unwrap();
+    let folder = work.path().join("bag");
+    write(&folder, topic, messages);
     said(&folder)
 }
 
@@ -122,15 +130,23 @@ fn files_without_an_index_and_messages_that_are_not_cdr_are_told_of() {
 fn what_metadata_tell_otherwise_than_the_files_is_an_error() {
     let work = tempfile::tempdir().unwrap();
     let folder = work.path().join("bag");
-    good(&folder, WriteSettings::default(), 20);
+    write(&folder, topic("/text", "std_msgs/msg/String"), &(0..20).map(text).collect::<Vec<_>>());
     let path = folder.join("metadata.yaml");
     let told = std::fs::read_to_string(&path).unwrap();
     // The first of each kind stands for the whole bag.
     for (from, to, expected) in [
-        ("  message_count: 40\n", "  message_count: 41\n", "message_count 41, the files say 40"),
-        ("    nanoseconds: 19000000", "    nanoseconds: 18000000", "duration"),
-        ("    nanoseconds_since_epoch: 0", "    nanoseconds_since_epoch: 1000000", "starting_time"),
-        ("message_count: 20", "message_count: 21", "21, the files say 20"),
+        ("\n  message_count: 20", "\n  message_count: 21", "message_count 21, the files say 20"),
+        (
+            "    nanoseconds: 19000000",
+            "    nanoseconds: 18000000",
+            "duration 0.018000000 s, the files say 0.019000000 s",
+        ),
+        (
+            "    nanoseconds_since_epoch: 1700000000250000000",
+            "    nanoseconds_since_epoch: 0",
+            "starting_time 0.000000000 s, the files say 1700000000.250000000 s",
+        ),
+        ("\n    message_count: 20", "\n    message_count: 21", "messages of /text 21, the files say 20"),
         (
             "type: std_msgs/msg/String",
             "type: std_msgs/msg/Bool",
