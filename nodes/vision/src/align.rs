@@ -374,16 +374,21 @@ pub(super) fn yaw_lead_share(
     let (here, there) = (picture(fit.yaw_rad), picture(other.yaw_rad));
     let level = |picture: &[f32], index: usize| picture[index] + belief.added.get(index).copied().unwrap_or(0.0);
     let turn = Rotation2::new(fit.yaw_rad - other.yaw_rad);
-    let (mut expected, mut count) = (0.0, 0.0_f32);
-    for index in &sought.texels {
-        let Some(turned) = sought.texel(turn * sought.template.place_m(*index)) else { continue };
-        let difference = level(&here, *index) - level(&there, turned);
-        let square = difference * difference / (sought.variance(*index, owners.beside_sigma) + noise);
-        expected += square.min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
-        count += 1.0;
-    }
-    expected /= count.max(1.0);
-    (expected >= TURNED_MIN).then(|| (other.cost - fit.cost) / expected)
+    let expected = |beside_m: Vector2<f64>| {
+        let (mut sum, mut count) = (0.0, 0.0_f32);
+        for index in &sought.texels {
+            let Some(turned) = sought.texel(turn * sought.template.place_m(*index) + beside_m) else { continue };
+            let difference = level(&here, *index) - level(&there, turned);
+            let square = difference * difference / (sought.variance(*index, owners.beside_sigma) + noise);
+            sum += square.min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
+            count += 1.0;
+        }
+        sum / count.max(1.0)
+    };
+    let in_place = expected(Vector2::zeros());
+    // One whose centre of mass is not that of its picture looks the same turned and a little beside.
+    let beside = expected(Rotation2::new(-other.yaw_rad) * (fit.centre - other.centre));
+    (in_place >= TURNED_MIN).then(|| (other.cost - fit.cost) / in_place.min(beside).max(TURNED_MIN))
 }
 
 /// By how much each texel that is compared is brighter than the template says after a fit; `None` where it is not seen.

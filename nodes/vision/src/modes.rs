@@ -53,7 +53,8 @@ pub(super) const OTHER_LIGHTS: Range<usize> = WHOLE_LIGHTS.start..FROM_SIDES.end
 /// Those of lights as a part is drawn in them, and those of where low light comes from.
 pub(super) const WHOLE_LIGHTS: Range<usize> = 3..3 + LIGHTS_MAX;
 const FROM_SIDES: Range<usize> = WHOLE_LIGHTS.end..WHOLE_LIGHTS.end + SIDES;
-/// The mode of the floor beside.
+/// The mode of the part's brightness as a whole, and that of the floor beside.
+const LEVEL: usize = 0;
 const BESIDE: usize = 2;
 /// Modes that light makes: the coarse search knows these.
 pub(super) const LIGHT_MODES: usize = OTHER_LIGHTS.end;
@@ -224,6 +225,11 @@ pub(super) fn not_darker_beside(amounts: &Amounts) -> Amounts {
     let mut amounts = *amounts;
     amounts[BESIDE] = amounts[BESIDE].max(0.0);
     amounts
+}
+
+/// By how much a part was seen darker as a whole than taught, relative; below 0 if brighter.
+pub(super) fn darker(amounts: &Amounts) -> f32 {
+    -amounts[LEVEL] * LEVEL_SPREAD
 }
 
 /// By how much a part was seen larger or smaller than taught, relative.

@@ -19,9 +19,10 @@ pub(in super::super) const ALIKE_MIN: usize = 4;
 const ADAPTED_MIN: usize = 6;
 /// A rival explanation that is led by less than this, per texel, is as good.
 const LEAD_MIN: f32 = 0.05;
-/// What parts under one light differ by among each other at least, in spreads of the modes; and a part alone from the one taught.
+/// What parts under one light differ by among each other at least, in spreads of the modes; and a part alone from the one taught,
+/// beside which the floor may be as bright as it likes: a white part lights it.
 const PART_SPREADS: Amounts = [0.3, 0.2, 0.4, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 1.0, 0.5];
-const LONE_SPREADS: Amounts = [0.3, 0.3, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3];
+const LONE_SPREADS: Amounts = [0.3, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3];
 /// Where parts seem to differ by more than so many times that, things of another kind are among them.
 const PART_SPREADS_RATIO_MAX: f32 = 2.0;
 
@@ -108,7 +109,7 @@ impl Detector {
             let owners = Owners { of: &self.owners, own, beside_sigma };
             let belief = &beliefs[part.pose];
             if let Some(fit) = refine(&self.segmentation, view, sought, part.fit, &owners, belief, Fineness::Full) {
-                part.first_cost = part.fit.cost;
+                (part.first_cost, part.first_lead) = (part.fit.cost, part.lead);
                 // In the light taught, what is seen beside tells where a part is, not what it is.
                 let told = if alone && self.light == Light::Taught { part.fit } else { fit };
                 part.fit = Fit { cost: told.cost, evidence: told.evidence, ..fit };
@@ -121,7 +122,7 @@ impl Detector {
                     let (other, belief) = (&self.sought[pose], &beliefs[pose]);
                     let rival = refine(&self.segmentation, view, other, rival, &owners, belief, Fineness::Full);
                     let led = |rival: Fit| sought.per_texel(fit.evidence - rival.evidence);
-                    part.lead = rival.map_or(f32::INFINITY, led);
+                    part.lead = rival.map_or(part.first_lead, led);
                 }
                 part.evidence_ratio = (belief.evidence > 0.0).then(|| fit.evidence / belief.evidence);
                 let unlike = |mode: usize| ((fit.amounts[mode] - belief.middle[mode]) / belief.spread[mode]).abs();
@@ -156,7 +157,11 @@ impl Detector {
             |start: Fit, fineness: Fineness| refine(&self.segmentation, view, sought, start, owners, belief, fineness);
         let led = |other: Fit| yaw_lead_share(&self.segmentation, view, sought, (fit, &other), owners, belief);
         let turned = Fit { yaw_rad: fit.yaw_rad + 0.5 * period_rad(sought.template.yaw_symmetry), ..*fit };
-        part.turned = laid(turned, Fineness::Fixed).and_then(led);
+        // Where the centre of mass is not that of the picture, it may look the same turned and a little beside.
+        let stays = |other: &Fit| !self.yaws_differ(part.pose, turned.yaw_rad, other.yaw_rad);
+        let leads =
+            [Fineness::Fixed, Fineness::Full].map(|fineness| laid(turned, fineness).filter(stays).and_then(led));
+        part.turned = leads.into_iter().flatten().reduce(f32::min);
         let rival = part.yaw_rival.and_then(|rival| laid(rival, Fineness::Full));
         // One that leads to the same yaw in the end is none.
         let rival = rival.filter(|rival| self.yaws_differ(part.pose, fit.yaw_rad, rival.yaw_rad));

@@ -50,8 +50,9 @@ pub(super) struct Found {
     pub yaw_lead: Option<f32>,
     /// The strongest explanation by another pose.
     pub rival: Option<(usize, Fit)>,
-    /// Mean square miss before what the frame shows of others was known.
+    /// Mean square miss, and the lead, before what the frame shows of others was known.
     pub first_cost: f32,
+    pub first_lead: f32,
     /// The lead relative to that of the middle one of the others; `None` if too few have a rival too.
     pub lead_ratio: Option<f32>,
     /// Evidence for each texel.
@@ -74,6 +75,7 @@ impl Found {
             yaw_rival: None,
             rival: None,
             first_cost: fit.cost,
+            first_lead: f32::INFINITY,
             lead_ratio: None,
             evidence_per_texel: 0.0,
             px: 0,

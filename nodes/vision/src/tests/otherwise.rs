@@ -210,3 +210,23 @@ fn a_part_that_stands_out_less_than_taught_must_do_so_as_its_like_in_the_frame_d
     assert!(!is_thing(Some(0.4), f32::MAX), "it is none of them");
     assert!(!is_thing(None, f32::NEG_INFINITY), "it fits in no light that the frame may have");
 }
+
+#[test]
+fn what_is_seen_much_darker_than_the_part_is_none_and_what_looked_as_much_like_another_pose_is_not_sure() {
+    let scene = scene(&GROMMET, 2.0);
+    let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
+    let config = SelectorConfig::default();
+    let recognised = |darker: f32, first_lead: f32| {
+        let mut amounts = [0.0; MODES];
+        // A unit of the first mode is a quarter of the part's brightness.
+        amounts[0] = -darker / 0.25;
+        let fit = Fit { centre: Point2::new(0.0, -0.06), yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts };
+        let evidence_per_texel = 1.1 * detector.sought[0].template.evidence_min;
+        let found = Found { first_lead, evidence_per_texel, ..Found::new(0, fit) };
+        is_recognised(&detector, &found, &config)
+    };
+    assert!(recognised(0.3, 1.0) && recognised(-0.5, 1.0), "of another colour");
+    assert!(!recognised(0.45, 1.0), "a shadow");
+    let least = feeder_model::camera::single(config.evidence_lead_min);
+    assert!(recognised(0.0, 1.1 * least) && !recognised(0.0, 0.9 * least), "before the light was known");
+}
