@@ -386,9 +386,17 @@ pub(super) fn yaw_lead_share(
         sum / count.max(1.0)
     };
     let in_place = expected(Vector2::zeros());
+    if in_place < TURNED_MIN {
+        return None;
+    }
     // One whose centre of mass is not that of its picture looks the same turned and a little beside.
-    let beside = expected(Rotation2::new(-other.yaw_rad) * (fit.centre - other.centre));
-    (in_place >= TURNED_MIN).then(|| (other.cost - fit.cost) / in_place.min(beside).max(TURNED_MIN))
+    let aside_m = fit.centre - other.centre;
+    let least = if aside_m == Vector2::zeros() {
+        in_place
+    } else {
+        in_place.min(expected(Rotation2::new(-other.yaw_rad) * aside_m)).max(TURNED_MIN)
+    };
+    Some((other.cost - fit.cost) / least)
 }
 
 /// By how much each texel that is compared is brighter than the template says after a fit; `None` where it is not seen.

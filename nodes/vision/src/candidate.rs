@@ -22,7 +22,7 @@ const SECTOR_MISS_PX: f64 = 0.5;
 const SIZE_OFF_MAX: f32 = 0.045;
 const SIZE_OFF_IN_COMPANY_MAX: f32 = 0.08;
 /// What is seen darker than the part by more than this, relative, is no part: light falls on part and floor alike, so that it would be of
-/// another material. Shadows are taken for parts from 0.45 on; parts were seen 0.3 darker at most.
+/// another material. Shadows that were taken for parts were seen 0.5 darker or more, parts 0.3 at most.
 const DARKER_MAX: f32 = 0.4;
 /// A part that differs from others of its pose in the frame by more than this, in spreads from part to part, is none of them.
 const UNLIKE_MAX: f32 = 1.9;
@@ -217,11 +217,12 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
     if detector.light == Light::Taught {
         return part.lead >= single(config.evidence_lead_min);
     }
-    let led = part.lead_ratio.map_or(part.lead >= single(config.evidence_lead_min), |ratio| ratio >= LEAD_RATIO_MIN);
+    let lead_min = single(config.evidence_lead_min);
+    let led_in_frame = part.lead_ratio.map_or(part.lead >= lead_min, |ratio| ratio >= LEAD_RATIO_MIN);
+    let led = part.first_lead >= lead_min && led_in_frame;
+    let amounts = &part.fit.amounts;
     let size_off_max = if part.evidence_ratio.is_some() { SIZE_OFF_IN_COMPANY_MAX } else { SIZE_OFF_MAX };
-    let led = led && part.first_lead >= single(config.evidence_lead_min);
-    let (off, too_dark) = (size_off(&part.fit.amounts), darker(&part.fit.amounts) > DARKER_MAX);
-    let like = part.unlike <= UNLIKE_MAX && off <= size_off_max && !too_dark;
+    let like = part.unlike <= UNLIKE_MAX && size_off(amounts) <= size_off_max && darker(amounts) <= DARKER_MAX;
     let (miss, evidence) = (part.fit.cost, part.evidence_per_texel);
     let correlates = miss <= UNEXPLAINED_RATIO_MAX * (miss + 2.0 * evidence);
     let as_others = part.evidence_ratio.is_some_and(|ratio| ratio >= AS_OTHERS_RATIO);

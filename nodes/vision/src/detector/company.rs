@@ -157,7 +157,7 @@ impl Detector {
             |start: Fit, fineness: Fineness| refine(&self.segmentation, view, sought, start, owners, belief, fineness);
         let led = |other: Fit| yaw_lead_share(&self.segmentation, view, sought, (fit, &other), owners, belief);
         let turned = Fit { yaw_rad: fit.yaw_rad + 0.5 * period_rad(sought.template.yaw_symmetry), ..*fit };
-        // Where the centre of mass is not that of the picture, it may look the same turned and a little beside.
+        // It may look so only a little beside.
         let stays = |other: &Fit| !self.yaws_differ(part.pose, turned.yaw_rad, other.yaw_rad);
         let leads =
             [Fineness::Fixed, Fineness::Full].map(|fineness| laid(turned, fineness).filter(stays).and_then(led));

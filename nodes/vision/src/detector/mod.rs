@@ -50,8 +50,9 @@ pub(super) struct Found {
     pub yaw_lead: Option<f32>,
     /// The strongest explanation by another pose.
     pub rival: Option<(usize, Fit)>,
-    /// Mean square miss, and the lead, before what the frame shows of others was known.
+    /// Mean square miss before what the frame shows of others was known.
     pub first_cost: f32,
+    /// The lead then.
     pub first_lead: f32,
     /// The lead relative to that of the middle one of the others; `None` if too few have a rival too.
     pub lead_ratio: Option<f32>,

@@ -230,3 +230,28 @@ fn what_is_seen_much_darker_than_the_part_is_none_and_what_looked_as_much_like_a
     let least = feeder_model::camera::single(config.evidence_lead_min);
     assert!(recognised(0.0, 1.1 * least) && !recognised(0.0, 0.9 * least), "before the light was known");
 }
+
+/// A white part lights the floor beside it; few parts in a frame cannot tell that all of them do.
+#[test]
+fn few_parts_are_known_where_the_floor_beside_them_is_brighter_than_taught() {
+    let scene = scene(&GROMMET, 2.0);
+    let mut detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
+    let parts = [at(0.06, 4.2, 0), at(0.06, 4.8, 0), at(0.07, 5.4, 0)];
+    let mut image = simple_picture(&parts);
+    let height_m = scene.tray.plateau_height_m();
+    let m_per_px = scene.camera.m_per_px(height_m);
+    for part in &parts {
+        let place = over_camera() * part.place;
+        let middle = scene.camera.project(nalgebra::Point3::new(place.x, place.y, height_m)).unwrap();
+        for (x, y, pixel) in image.enumerate_pixels_mut() {
+            let aside_m = (Vector2::new(f64::from(x), f64::from(y)) - middle.coords).norm() * m_per_px;
+            if (RADIUS_M..RADIUS_M + 0.002).contains(&aside_m) {
+                pixel.0[0] = feeder_model::camera::grey_level(f32::from(pixel.0[0]) * 1.2);
+            }
+        }
+    }
+    let config = SelectorConfig::default();
+    let found = detector.find(&image, &over_camera(), config.contrast_min_levels, f32::MAX).unwrap();
+    let known = found.iter().filter(|part| part.pose == 0 && is_recognised(&detector, part, &config)).count();
+    assert_eq!(known, 3, "{found:?}");
+}
