@@ -55,6 +55,12 @@ fn bytes(hex: &str) -> Vec<u8> {
     (0..hex.len()).step_by(2).map(|at| u8::from_str_radix(&hex[at..at + 2], 16).unwrap()).collect()
 }
 
+fn cyclone_relay() -> Command {
+    let mut command = Command::new(python());
+    command.arg(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("tests/interop/relay.py"));
+    command
+}
+
 /// A running peer.
 pub(crate) struct Peer {
     child: Child,
@@ -66,15 +72,19 @@ pub(crate) struct Peer {
 
 impl Peer {
     pub(crate) fn start(kind: Kind, domain: u16) -> Self {
-        let mut command = match kind {
-            Kind::Cyclone => {
-                let mut command = Command::new(python());
-                command.arg(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("tests/interop/relay.py"));
-                command.env_remove("CYCLONEDDS_URI");
-                command
-            }
-            Kind::Fast => Command::new(fast_relay()),
-        };
+        match kind {
+            Kind::Cyclone => Self::run(cyclone_relay().env_remove("CYCLONEDDS_URI"), domain),
+            Kind::Fast => Self::run(&mut Command::new(fast_relay()), domain),
+        }
+    }
+
+    /// A peer on Cyclone DDS that others forget when they have not heard of it for so long, instead of 10 s.
+    pub(crate) fn with_lease(lease_s: u32, domain: u16) -> Self {
+        let settings = format!("<Discovery><LeaseDuration>{lease_s}s</LeaseDuration></Discovery>");
+        Self::run(cyclone_relay().env("CYCLONEDDS_URI", settings), domain)
+    }
+
+    fn run(command: &mut Command, domain: u16) -> Self {
         let mut child = command.arg(domain.to_string()).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
         let (input, output) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
         let (sender, lines) = channel();

@@ -8,7 +8,7 @@ use minifactory_msgs::action::{DeliverPart, DeliverPartGoal};
 use minifactory_msgs::action_msgs::msg::{GoalInfo, GoalStatus};
 use minifactory_msgs::action_msgs::srv::{CancelGoal, CancelGoalRequest, CancelGoalResponse};
 use minifactory_msgs::builtin_interfaces::msg::Time;
-use minifactory_msgs::diagnostic_msgs::msg::DiagnosticArray;
+use minifactory_msgs::diagnostic_msgs::msg::{DiagnosticArray, DiagnosticStatus, KeyValue};
 use minifactory_msgs::interface::standard::DIAGNOSTICS;
 use minifactory_msgs::rcl_interfaces::msg::{Parameter, ParameterType, ParameterValue};
 use minifactory_msgs::rcl_interfaces::srv::{
@@ -19,7 +19,7 @@ use minifactory_msgs::srv::{ReportHandover, ReportHandoverRequest, ReportHandove
 use minifactory_msgs::unique_identifier_msgs::msg::UUID;
 
 use super::echo::EchoNode;
-use crate::common::{ENCAPSULATION, Kind, Peer, hex};
+use crate::common::{ENCAPSULATION, Kind, Peer, hex, wait_for};
 
 type SendGoal = <DeliverPart as Action>::SendGoal;
 type SendGoalRequest = <DeliverPart as Action>::SendGoalRequest;
@@ -46,15 +46,15 @@ impl Diagnostics {
     }
 
     /// Waits until the node has counted `count` of something at an endpoint.
+    #[track_caller]
     fn wait_for(&self, key: &str, count: &str) {
-        for message in &self.heard {
-            let values =
-                message.status.iter().filter(|status| status.name.starts_with("/test/echo")).flat_map(|s| &s.values);
-            if values.into_iter().any(|entry| entry.key == key && entry.value == count) {
-                return;
-            }
-        }
-        panic!("the node has gone and never said {key}: {count}");
+        wait_for(&format!("{key}: {count}"), || {
+            let counts = |status: &DiagnosticStatus| {
+                let is_it = |entry: &KeyValue| entry.key == key && entry.value == count;
+                status.name.starts_with("/test/echo") && status.values.iter().any(is_it)
+            };
+            self.heard.try_iter().any(|message| message.status.iter().any(counts)).then_some(())
+        });
     }
 }
 
@@ -120,15 +120,22 @@ fn requests_that_make_no_sense_are_refused_and_counted_and_disturb_nobody() {
     }
 }
 
-/// A client that dies while the node works for it gets its result sent to nobody, which is counted.
+/// A client that dies while the node works for it gets its result sent to nobody, which is counted: also where its lease
+/// runs out while the reply waits to be acknowledged.
 #[test]
 fn a_client_that_vanishes_before_its_reply_disturbs_nobody() {
-    for (kind, other) in [(Kind::Cyclone, Kind::Fast), (Kind::Fast, Kind::Cyclone)] {
+    type Start = fn(u16) -> Peer;
+    let cases: [(Start, Kind); 3] = [
+        (|domain| Peer::start(Kind::Cyclone, domain), Kind::Fast),
+        (|domain| Peer::start(Kind::Fast, domain), Kind::Cyclone),
+        (|domain| Peer::with_lease(2, domain), Kind::Fast),
+    ];
+    for (start, other) in cases {
         let node = EchoNode::start();
         let diagnostics = Diagnostics::of(&node);
         let mut witness = Witness::new(other, node.domain.id);
         witness.peer.client::<CancelGoal>("cancel", "/test/deliver/_action/cancel_goal");
-        let mut peer = Peer::start(kind, node.domain.id);
+        let mut peer = start(node.domain.id);
         peer.client::<SendGoal>("send_goal", "/test/deliver/_action/send_goal");
         peer.client::<GetResult>("get_result", "/test/deliver/_action/get_result");
         let id = UUID { uuid: [5; 16] };

@@ -11,12 +11,13 @@
 //! for a while, and what the last one was compared with has passed. That makes it unlikely, not impossible.
 
 use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use ros2_client::dds::rustdds::{
-    DomainParticipant, DomainParticipantStatusEvent as Event, DomainParticipantStatusListener, GUID, RTPSEntity,
-    StatusEvented,
+    DomainParticipant, DomainParticipantStatusEvent as Event, DomainParticipantStatusListener, GUID, LostReason,
+    RTPSEntity, StatusEvented,
 };
 
 use super::Guid;
@@ -33,6 +34,17 @@ const BURST: usize = 16;
 const LOOK: Duration = Duration::from_millis(1);
 /// Longest wait: nodes that come up together must not keep each other waiting.
 const PATIENCE: Duration = Duration::from_millis(200);
+/// How often what happens is taken in while no endpoint is made: the library keeps 2048 events, and drops what comes later.
+const KEEP_UP: Duration = Duration::from_secs(1);
+
+/// How another participant left.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Leave {
+    /// It said so.
+    Announced,
+    /// Its lease ran out: it was killed, or can no longer be reached.
+    Silent,
+}
 
 /// Watches what a participant finds.
 pub(super) struct Lull {
@@ -45,6 +57,8 @@ pub(super) struct Lull {
     /// Others, and their endpoints.
     participants: BTreeSet<GUID>,
     known: BTreeSet<GUID>,
+    /// Participants that left in silence.
+    silent: BTreeSet<GUID>,
     /// Until when to wait for what has happened so far.
     until: Option<Instant>,
 }
@@ -58,6 +72,7 @@ impl Lull {
             unmet: 0,
             participants: BTreeSet::new(),
             known: BTreeSet::new(),
+            silent: BTreeSet::new(),
             until: None,
         }
     }
@@ -83,6 +98,27 @@ impl Lull {
         self.participants.iter().copied().map(Guid::from).collect()
     }
 
+    /// How the participant of an endpoint left; `None` while it is there, as far as has been heard.
+    pub(super) fn leave_of(&mut self, endpoint: Guid) -> Option<Leave> {
+        self.look();
+        let is_of = |participant: &GUID| participant.prefix == endpoint.to_dds().prefix;
+        if self.silent.iter().any(is_of) {
+            return Some(Leave::Silent);
+        }
+        (!self.participants.iter().any(is_of)).then_some(Leave::Announced)
+    }
+
+    /// Takes in what happens, for ever.
+    pub(super) async fn keep_up(lull: Arc<Mutex<Self>>) {
+        loop {
+            tokio::time::sleep(KEEP_UP).await;
+            // Whoever holds the lock takes it in.
+            if let Ok(mut lull) = lull.try_lock() {
+                lull.look();
+            }
+        }
+    }
+
     fn wait(&mut self) {
         let since = Instant::now();
         let mut until = self.made.map_or(since, |made| made + TURN);
@@ -103,6 +139,7 @@ impl Lull {
                 Event::ParticipantDiscovered { dpd } => {
                     if dpd.guid.prefix != self.own.prefix {
                         self.participants.insert(dpd.guid);
+                        self.silent.remove(&dpd.guid);
                     }
                     true
                 }
@@ -112,7 +149,10 @@ impl Lull {
                     }
                     self.known.insert(end.guid)
                 }
-                Event::ParticipantLost { id, .. } => {
+                Event::ParticipantLost { id, reason } => {
+                    if matches!(reason, LostReason::Timeout { .. }) {
+                        self.silent.extend(self.participants.iter().filter(|guid| guid.prefix == id));
+                    }
                     for guids in [&mut self.participants, &mut self.known] {
                         guids.retain(|guid| guid.prefix != id);
                     }

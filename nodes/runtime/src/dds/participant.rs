@@ -23,7 +23,7 @@ use super::{
     farewell::Farewell,
     graph::{self, Nodes},
     loops::Loops,
-    lull::Lull,
+    lull::{Leave, Lull},
     raw::{Raw, RawAdapter},
     reach::Reach,
     relay::{Relay, Written},
@@ -148,6 +148,7 @@ impl Participant {
             _farewell: Farewell::of(&domain_participant),
             domain_participant,
         };
+        inner.executor.spawner().spawn(Lull::keep_up(Arc::clone(&inner.lull)));
         let announcer = inner.announcement().writer.guid().into();
         inner.note_written(announcer, ros_discovery::TOPIC_NAME);
         Ok(Self { inner: Arc::new(inner) })
@@ -247,6 +248,11 @@ impl Inner {
     /// Makes an endpoint, one at a time, when that can be done.
     pub(super) fn in_a_lull<T>(&self, make: impl FnOnce() -> T) -> T {
         self.lull.lock().unwrap_or_else(PoisonError::into_inner).make(self.door.is_open(), make)
+    }
+
+    /// How the participant of an endpoint left; `None` also while an endpoint is being made.
+    pub(super) fn leave_of(&self, endpoint: Guid) -> Option<Leave> {
+        self.lull.try_lock().ok()?.leave_of(endpoint)
     }
 
     pub(super) fn announcement(&self) -> MutexGuard<'_, Announcement> {

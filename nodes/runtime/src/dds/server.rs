@@ -12,13 +12,17 @@ use std::{
 
 use bytes::Bytes;
 use serde::{Serialize, de::DeserializeOwned};
-use tokio::time::{sleep, timeout};
+use tokio::{
+    task::yield_now,
+    time::{sleep, timeout},
+};
 
 use super::{
     DdsError, Guid, Participant, PublishError, Qos, Reader, SampleId, Writer,
     datagram::{self, FRAGMENTED_ABOVE_BYTES, WholeSample},
     executor::Spawner,
     graph,
+    lull::Leave,
     names::dds_name,
     participant::Inner,
     peers::Match,
@@ -35,9 +39,12 @@ const MATCH_PATIENCE: Duration = Duration::from_secs(5);
 /// itself what was lost on the way; this is for a client that had not found the server yet, and it should not come sooner
 /// than a busy client acknowledges: some say so when they get a reply twice.
 const FIRST_RESEND_AFTER: Duration = Duration::from_millis(250);
-/// How often a reply is sent before it is given up. All turns together are shorter than any client's lease, 10 s or more:
-/// when it has run out, the library takes the reply to one that was killed for acknowledged.
+/// How often a reply is sent before it is given up.
 const SEND_COUNT_MAX: u32 = 4;
+/// How long to ask how a client left: the library says so just after it has forgotten the client.
+const LEAVE_LOOKS: u32 = 20;
+/// Between two times.
+const LEAVE_LOOK: Duration = Duration::from_millis(5);
 /// Pause before a reply that found the writer full is tried again.
 const FULL_PAUSE: Duration = Duration::from_millis(5);
 
@@ -280,11 +287,33 @@ impl ReplyHandle {
                 }
             }
             if timeout(FIRST_RESEND_AFTER * (1 << turn), self.outlet.acknowledged()).await.is_ok() {
+                for reader in &readers {
+                    if self.has_vanished(*reader).await {
+                        return Err("the client fell silent before it acknowledged".to_owned());
+                    }
+                }
                 return Ok(());
             }
             firsts.clear();
         }
         Err(format!("not acknowledged, though sent {SEND_COUNT_MAX} times"))
+    }
+
+    /// Whether a reader is gone because its lease ran out: the library then takes all that it was sent for acknowledged.
+    async fn has_vanished(&self, reader: Guid) -> bool {
+        // Whoever follows the readers has been woken before this task, and has its turn first.
+        yield_now().await;
+        if self.outlet.peers.matched().contains(&reader) {
+            return false;
+        }
+        for _ in 0..LEAVE_LOOKS {
+            if let Some(leave) = self.participant.upgrade().and_then(|participant| participant.leave_of(reader)) {
+                return leave == Leave::Silent;
+            }
+            sleep(LEAVE_LOOK).await;
+        }
+        // Its participant is there: it has closed this client.
+        false
     }
 
     /// Sends a reply to a reader: a long one to Fast DDS in one datagram, see [`datagram`].
