@@ -64,7 +64,7 @@ impl AllRound {
         let ring_m = height_m / ROUND_LENS_RAD.tan();
         let steepness_max = (ring_m + scene.tray.geometry.outer_radius_m) / height_m;
         scene.validate()?;
-        let parts = PartPainter::lit_from_near_by(&lit_by(scene, 0.0, ROUND_LENS_RAD), steepness_max);
+        let parts = PartPainter::lit_from_near_the_lens(&lit_by(scene, 0.0, ROUND_LENS_RAD), steepness_max);
         let lamp = |index: usize| {
             let (sin, cos) = azimuth_rad(index).sin_cos();
             let at = Point3::new(pose.x_m + ring_m * cos, pose.y_m + ring_m * sin, pose.height_m);

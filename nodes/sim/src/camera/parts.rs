@@ -33,8 +33,10 @@ const SIGHT_PLACES: [(f32, f32, f32); SIGHTS] = {
     ]
 };
 
-/// Share of the light on the floor close to a part that the part leaves: that much falls back on it.
+/// Share of the light on the floor close to a part that the part leaves: that much falls back on it. Assumed; more of it under
+/// lamps round the lens, as those light the floor before whatever face the lens sees.
 const THROWN_BACK_RATIO: f32 = 0.5;
+const THROWN_BACK_ROUND_LENS_RATIO: f32 = 0.9;
 /// How many steepnesses of light from near by are told apart.
 const NEAR_STEEPNESSES: usize = 6;
 
@@ -87,11 +89,6 @@ struct Screen {
     below_plateau: bool,
 }
 
-/// Share of the light that the floor throws back onto parts.
-fn thrown_back(scene: &Scene) -> f32 {
-    THROWN_BACK_RATIO * single(scene.tray_appearance.surface_reflectance)
-}
-
 impl PartPainter {
     pub(crate) fn new(scene: &Scene) -> Self {
         Self::lit_as_steeply_as(scene, &[scene.light.in_tray(0.0).toward_lamp.norm()], 0.0)
@@ -99,13 +96,14 @@ impl PartPainter {
 
     /// The same where the floor lights upright faces and slopes, too.
     pub(crate) fn lit_by_the_floor_too(scene: &Scene) -> Self {
-        Self::lit_as_steeply_as(scene, &[scene.light.in_tray(0.0).toward_lamp.norm()], thrown_back(scene))
+        Self::lit_as_steeply_as(scene, &[scene.light.in_tray(0.0).toward_lamp.norm()], THROWN_BACK_RATIO)
     }
 
-    /// The same whose light falls from a lamp near by, up to so steeply.
-    pub(crate) fn lit_from_near_by(scene: &Scene, steepness_max: f64) -> Self {
+    /// The same whose light falls from a lamp near the lens, up to so steeply.
+    pub(crate) fn lit_from_near_the_lens(scene: &Scene, steepness_max: f64) -> Self {
         let middle = |step: usize| single(steepness_max * (step as f64 + 0.5) / NEAR_STEEPNESSES as f64);
-        Self::lit_as_steeply_as(scene, &std::array::from_fn::<f32, NEAR_STEEPNESSES, _>(middle), thrown_back(scene))
+        let steepnesses: [f32; NEAR_STEEPNESSES] = std::array::from_fn(middle);
+        Self::lit_as_steeply_as(scene, &steepnesses, THROWN_BACK_ROUND_LENS_RATIO)
     }
 
     /// The same parts in this light, with its lamp at a place over the platen, m.
@@ -113,7 +111,9 @@ impl PartPainter {
         Self { light, lamp_at: Some(lamp_at), ..self.clone() }
     }
 
-    fn lit_as_steeply_as(scene: &Scene, steepnesses: &[f32], thrown_back: f32) -> Self {
+    /// The floor throws back the share `floor_left` of what it would send without the part.
+    fn lit_as_steeply_as(scene: &Scene, steepnesses: &[f32], floor_left: f32) -> Self {
+        let thrown_back = floor_left * single(scene.tray_appearance.surface_reflectance);
         let texel_m = scene.camera.m_per_px(scene.tray.plateau_height_m()) / TEXELS_PER_PX;
         let diffuse = scene.light.in_tray(0.0).diffuse();
         let part = &scene.part;

@@ -266,6 +266,21 @@ mod tests {
     }
 
     #[test]
+    fn a_ring_round_the_lens_lights_the_floor_before_the_faces_that_the_lens_sees() {
+        let scene = scene("block", 0.0);
+        let view = part(0.05, 4.5, 0);
+        let aside = Vector2::new(0.08, 0.0);
+        let shot = TrayShot::still(Isometry2::new(Vector2::new(0.3 - view.x_m, 0.3 - view.y_m) + aside, 0.0));
+        let mut image = GrayImage::default();
+        let [mut round_lens, _, _] = AllRound::of_lessons(&scene).unwrap();
+        round_lens.render(&shot, &[view], &mut Pcg64Mcg::seed_from_u64(1), &mut image).unwrap();
+        let at = |x_m: f64| level(&scene, &image, &shot, Point3::new(view.x_m + x_m, view.y_m, view.z_m));
+        // The face towards the lens is seen from 2.6 to 3.3 mm beside the block's middle.
+        let face = (26..34).map(|step| at(-1e-4 * f64::from(step))).fold(f64::INFINITY, f64::min) / at(0.0);
+        assert!((0.6..0.75).contains(&face), "the face is {face} times as bright as the top");
+    }
+
+    #[test]
     fn a_bright_floor_lights_the_sides_of_parts_and_nothing_else() {
         let mut scene = scene("block", 0.0);
         scene.light.white_level *= 0.5;
