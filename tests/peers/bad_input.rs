@@ -140,10 +140,15 @@ fn a_client_that_vanishes_before_its_reply_disturbs_nobody() {
         peer.client::<GetResult>("get_result", "/test/deliver/_action/get_result");
         let id = UUID { uuid: [5; 16] };
         let endless = DeliverPartGoal { station: "endless".to_owned(), ..DeliverPartGoal::default() };
-        peer.call("send_goal", 1, &SendGoalRequest::from((id, endless)));
-        let (accepted, _) = peer.reply("send_goal", 1).decode::<SendGoalResponse>().into();
-        assert!(accepted);
+        let send_goal = |peer: &mut Peer, number| {
+            peer.call("send_goal", number, &SendGoalRequest::from((id, endless.clone())));
+            let (accepted, _) = peer.reply("send_goal", number).decode::<SendGoalResponse>().into();
+            accepted
+        };
+        assert!(send_goal(&mut peer, 1));
         peer.call("get_result", 1, &GetResultRequest::from(id));
+        // One request goes out after another: when this one is answered, the one before has arrived.
+        assert!(!send_goal(&mut peer, 2), "an identifier in use");
         witness.is_served();
         peer.kill();
         witness.is_served();

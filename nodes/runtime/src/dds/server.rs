@@ -41,8 +41,8 @@ const MATCH_PATIENCE: Duration = Duration::from_secs(5);
 const FIRST_RESEND_AFTER: Duration = Duration::from_millis(250);
 /// How often a reply is sent before it is given up.
 const SEND_COUNT_MAX: u32 = 4;
-/// How long to ask how a client left: the library says so just after it has forgotten the client.
-const LEAVE_LOOKS: u32 = 20;
+/// How often to ask how a client left: the library says so just after it has forgotten the client, on a busy machine later.
+const LEAVE_LOOKS: u32 = 400;
 /// Between two times.
 const LEAVE_LOOK: Duration = Duration::from_millis(5);
 /// Pause before a reply that found the writer full is tried again.
