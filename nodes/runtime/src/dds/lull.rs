@@ -20,7 +20,7 @@ use ros2_client::dds::rustdds::{
     RTPSEntity, StatusEvented,
 };
 
-use super::Guid;
+use super::others::{Leave, Others};
 
 /// How long nobody must have been found.
 const LULL: Duration = Duration::from_millis(20);
@@ -37,15 +37,6 @@ const PATIENCE: Duration = Duration::from_millis(200);
 /// How often what happens is taken in while no endpoint is made: the library keeps 2048 events, and drops what comes later.
 const KEEP_UP: Duration = Duration::from_secs(1);
 
-/// How another participant left.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Leave {
-    /// It said so.
-    Announced,
-    /// Its lease ran out: it was killed, or can no longer be reached.
-    Silent,
-}
-
 /// Watches what a participant finds.
 pub(super) struct Lull {
     events: DomainParticipantStatusListener,
@@ -54,11 +45,9 @@ pub(super) struct Lull {
     made: Option<Instant>,
     /// How many were made where nobody can be met.
     unmet: usize,
-    /// Others, and their endpoints.
-    participants: BTreeSet<GUID>,
-    known: BTreeSet<GUID>,
-    /// Participants that left in silence.
-    silent: BTreeSet<GUID>,
+    others: Others,
+    /// Their endpoints.
+    endpoints: BTreeSet<GUID>,
     /// Until when to wait for what has happened so far.
     until: Option<Instant>,
 }
@@ -70,9 +59,8 @@ impl Lull {
             own: participant.guid(),
             made: None,
             unmet: 0,
-            participants: BTreeSet::new(),
-            known: BTreeSet::new(),
-            silent: BTreeSet::new(),
+            others: Others::default(),
+            endpoints: BTreeSet::new(),
             until: None,
         }
     }
@@ -92,20 +80,10 @@ impl Lull {
         made
     }
 
-    /// The other participants that are known.
-    pub(super) fn participants(&mut self) -> BTreeSet<Guid> {
+    /// The other participants, as far as has been heard.
+    pub(super) fn others(&mut self) -> &Others {
         self.look();
-        self.participants.iter().copied().map(Guid::from).collect()
-    }
-
-    /// How the participant of an endpoint left; `None` while it is there, as far as has been heard.
-    pub(super) fn leave_of(&mut self, endpoint: Guid) -> Option<Leave> {
-        self.look();
-        let is_of = |participant: &GUID| participant.prefix == endpoint.to_dds().prefix;
-        if self.silent.iter().any(is_of) {
-            return Some(Leave::Silent);
-        }
-        (!self.participants.iter().any(is_of)).then_some(Leave::Announced)
+        &self.others
     }
 
     /// Takes in what happens, for ever.
@@ -138,8 +116,7 @@ impl Lull {
             let is_new = match event {
                 Event::ParticipantDiscovered { dpd } => {
                     if dpd.guid.prefix != self.own.prefix {
-                        self.participants.insert(dpd.guid);
-                        self.silent.remove(&dpd.guid);
+                        self.others.join(dpd.guid.into());
                     }
                     true
                 }
@@ -147,19 +124,17 @@ impl Lull {
                     if end.guid.prefix == self.own.prefix {
                         continue;
                     }
-                    self.known.insert(end.guid)
+                    self.endpoints.insert(end.guid)
                 }
                 Event::ParticipantLost { id, reason } => {
-                    if matches!(reason, LostReason::Timeout { .. }) {
-                        self.silent.extend(self.participants.iter().filter(|guid| guid.prefix == id));
-                    }
-                    for guids in [&mut self.participants, &mut self.known] {
-                        guids.retain(|guid| guid.prefix != id);
-                    }
+                    let is_silent = matches!(reason, LostReason::Timeout { .. });
+                    let participant = GUID { prefix: id, ..self.own };
+                    self.others.leave(participant.into(), if is_silent { Leave::Silent } else { Leave::Announced });
+                    self.endpoints.retain(|guid| guid.prefix != id);
                     continue;
                 }
                 Event::ReaderLost { guid, .. } | Event::WriterLost { guid, .. } => {
-                    self.known.remove(&guid);
+                    self.endpoints.remove(&guid);
                     continue;
                 }
                 _ => continue,

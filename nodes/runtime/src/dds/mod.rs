@@ -38,6 +38,7 @@ mod graph;
 mod loops;
 mod lull;
 mod names;
+mod others;
 mod participant;
 mod peers;
 mod presence;

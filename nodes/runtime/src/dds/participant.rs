@@ -23,7 +23,8 @@ use super::{
     farewell::Farewell,
     graph::{self, Nodes},
     loops::Loops,
-    lull::{Leave, Lull},
+    lull::Lull,
+    others::Leave,
     raw::{Raw, RawAdapter},
     reach::Reach,
     relay::{Relay, Written},
@@ -166,7 +167,7 @@ impl Participant {
         let known = {
             let lull = Arc::clone(&inner.lull);
             // Whoever holds the lock makes an endpoint; the next time will do.
-            move || lull.try_lock().map(|mut lull| lull.participants()).unwrap_or_default()
+            move || lull.try_lock().map(|mut lull| lull.others().there()).unwrap_or_default()
         };
         if let Some(later) = inner.door.open(participant.guid().into(), participant.participant_id(), known) {
             inner.executor.spawner().spawn(later);
@@ -252,7 +253,7 @@ impl Inner {
 
     /// How the participant of an endpoint left; `None` also while an endpoint is being made.
     pub(super) fn leave_of(&self, endpoint: Guid) -> Option<Leave> {
-        self.lull.try_lock().ok()?.leave_of(endpoint)
+        self.lull.try_lock().ok()?.others().leave_of(endpoint)
     }
 
     pub(super) fn announcement(&self) -> MutexGuard<'_, Announcement> {

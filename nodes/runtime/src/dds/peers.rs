@@ -66,6 +66,10 @@ impl Peers {
         self.matched.borrow().keys().copied().collect()
     }
 
+    pub(super) fn is_matched(&self, peer: Guid) -> bool {
+        self.matched.borrow().contains_key(&peer)
+    }
+
     /// Tells whenever the matched peers have changed.
     pub(super) fn changes(&self) -> watch::Receiver<BTreeMap<Guid, Match>> {
         self.matched.subscribe()

@@ -22,8 +22,8 @@ use super::{
     datagram::{self, FRAGMENTED_ABOVE_BYTES, WholeSample},
     executor::Spawner,
     graph,
-    lull::Leave,
     names::dds_name,
+    others::Leave,
     participant::Inner,
     peers::Match,
     tally::Counter,
@@ -287,23 +287,28 @@ impl ReplyHandle {
                 }
             }
             if timeout(FIRST_RESEND_AFTER * (1 << turn), self.outlet.acknowledged()).await.is_ok() {
-                for reader in &readers {
-                    if self.has_vanished(*reader).await {
-                        return Err("the client fell silent before it acknowledged".to_owned());
-                    }
-                }
-                return Ok(());
+                return self.check_presence(&readers).await;
             }
             firsts.clear();
         }
         Err(format!("not acknowledged, though sent {SEND_COUNT_MAX} times"))
     }
 
+    /// Whether those that a reply was sent to have acknowledged it, and did not vanish instead.
+    async fn check_presence(&self, readers: &[Guid]) -> Result<(), String> {
+        for reader in readers {
+            if self.has_vanished(*reader).await {
+                return Err("the client fell silent before it acknowledged".to_owned());
+            }
+        }
+        Ok(())
+    }
+
     /// Whether a reader is gone because its lease ran out: the library then takes all that it was sent for acknowledged.
     async fn has_vanished(&self, reader: Guid) -> bool {
         // Whoever follows the readers has been woken before this task, and has its turn first.
         yield_now().await;
-        if self.outlet.peers.matched().contains(&reader) {
+        if self.outlet.peers.is_matched(reader) {
             return false;
         }
         for _ in 0..LEAVE_LOOKS {
