@@ -12,7 +12,7 @@ use rand_pcg::Pcg64Mcg;
 use super::cluster::{self, Cluster};
 use super::motion::Motion;
 use super::primitives::PRIMITIVES;
-use super::{Args, Seen, feeding, feeds, shake, table};
+use super::{Args, Seen, feeding, shake, table, waveforms};
 use crate::bulk::scenario;
 
 /// Parts in a cluster.
@@ -60,7 +60,7 @@ pub(super) fn run(args: &Args, part: &PartType) -> Result<()> {
             }
             Ok(())
         };
-        for (index, (name, waveform)) in feeds(part).into_iter().enumerate() {
+        for (index, (name, waveform)) in waveforms(part).into_iter().enumerate() {
             let (scenario, waveform, settings) = scenario(part, &waveform)?;
             let room_m = scenario.part_gap_m_min(part);
             let empty = PartBulk::new(scenario.tray.geometry, part.clone(), settings, args.seed)?;

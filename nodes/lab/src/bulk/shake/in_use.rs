@@ -10,7 +10,7 @@ use feeder_sim::parts::{BulkSettings, PartBulk};
 use super::cluster::nearest_pair;
 use super::motion::{FADE_PERIODS, Motion};
 use super::primitives::{PRIMITIVES, Primitive};
-use super::{Args, feeding, feeds, pickable, right_on_plateau, shake, table};
+use super::{Args, feeding, pickable, right_on_plateau, shake, table, waveforms};
 use crate::bulk::{Shaking, block_s, scenario};
 
 /// Parts on the tray.
@@ -45,7 +45,7 @@ pub(super) fn run(args: &Args, part: &PartType, duration_s: f64) -> Result<()> {
          of {SHAKEN_S} s,\nthen feeding again: mean time until a part can be picked, {COUNTED_S} s at most; good parts in \
          {COUNTED_S} s"
     );
-    for (name, spec) in feeds(part) {
+    for (name, spec) in waveforms(part) {
         for load in LOADS {
             let (scenario, waveform, settings) = scenario(part, &spec)?;
             let room_m = scenario.part_gap_m_min(part);
@@ -161,7 +161,7 @@ mod tests {
     #[test]
     fn in_the_states_kept_nothing_can_be_picked_and_two_parts_lie_right() {
         let part = PartType::new(&feeder::part::load("grommet").unwrap()).unwrap();
-        let (_, spec) = &feeds(&part)[1];
+        let (_, spec) = &waveforms(&part)[2];
         let (scenario, waveform, settings) = scenario(&part, spec).unwrap();
         let room_m = scenario.part_gap_m_min(&part);
         let mut bulk = PartBulk::new(scenario.tray.geometry, part.clone(), settings, 1).unwrap();

@@ -12,7 +12,6 @@ use std::path::Path;
 use anyhow::{Context as _, Result};
 use feeder_model::part::PartType;
 use feeder_model::waveform::Waveform;
-use feeder_scenario::WaveformSpec;
 use feeder_sim::parts::{FeedObserver, PartBulk, Place, Sighting};
 use nalgebra::Vector3;
 
@@ -26,12 +25,6 @@ pub(super) fn run(args: &Args, part: &PartType, duration_s: f64) -> Result<()> {
     println!("{} on the paper's tray", part.name);
     alone::run(args, part)?;
     in_use::run(args, part, duration_s)
-}
-
-/// The waveforms to feed on with: those of the other studies, and the one of the fast scenarios.
-fn feeds(part: &PartType) -> Vec<(&'static str, WaveformSpec)> {
-    let fast = WaveformSpec::StickSlip { period_s: 0.17, a_min_rad_s2: 15.0, a_max_rad_s2: 300.0 };
-    waveforms(part).into_iter().chain([("stick-slip, 5.9 Hz", fast)]).collect()
 }
 
 /// Feeding, faded in and out.
