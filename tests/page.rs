@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
 use feeder_runtime::testing::TestDomain;
+use feeder_scenario::Scenario;
 use rustix::process::Signal;
 use serde_json::json;
 use tempfile::TempDir;
@@ -98,8 +99,10 @@ fn the_page_shows_a_run_and_controls_it() {
 
     let ran_s = browser.value("feeder.playback.newest.time_s").as_f64().unwrap();
     browser.click("#reset");
-    browser
-        .until(&format!("feeder.playback.newest?.time_s < {ran_s} - 0.5 && feeder.tray.painter.shown.length === 20"));
+    let loaded = Scenario::default().parts_loaded;
+    browser.until(&format!(
+        "feeder.playback.newest?.time_s < {ran_s} - 0.5 && feeder.tray.painter.shown.length === {loaded}"
+    ));
 
     for (width_px, height_px) in [(390, 844), (820, 1180), (1800, 1000)] {
         browser.resize(width_px, height_px);

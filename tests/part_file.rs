@@ -43,7 +43,7 @@ fn delivered_again_from_a_recording(friction: f64) {
     let folder = TempDir::new().unwrap();
     let scenario = scenario_with_friction(folder.path(), friction);
     let bag = folder.path().join("bag");
-    let run = Up::new("--duration 30 --composed --record-exclude camera/(image_raw|annotated)$")
+    let run = Up::new("--duration 45 --composed --record-exclude camera/(image_raw|annotated)$")
         .scenario_file(&scenario)
         .record(&bag)
         .success();

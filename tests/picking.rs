@@ -20,6 +20,8 @@ fn side_by_side(file: &str, pose: &str, width_m: f64, gap_m: f64) -> Scenario {
         |radius_m| PlacedPart { pose: pose.to_owned(), radius_m, angle_rad: ANGLE_RAD, yaw_rad: ANGLE_RAD + FRAC_PI_2 };
     scenario.parts_placed = vec![placed(0.06), placed(0.06 + width_m + gap_m)];
     scenario.parts_loaded = 0;
+    // So that what was accepted is one request, whatever becomes of it.
+    scenario.stations[0].manipulator.goals_open = 1;
     scenario.recipes = vec![Recipe { name: pose.to_owned(), pose_classes: vec![pose.to_owned()], waveform: None }];
     scenario
 }

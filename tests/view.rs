@@ -8,6 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use feeder_runtime::testing::TestDomain;
+use feeder_scenario::Scenario;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -115,6 +116,7 @@ fn time_s(message: &Value) -> f64 {
 #[test]
 fn a_run_is_shown_and_controlled() {
     let run = Up::new("--duration 3600 --view=0").start();
+    let loaded = Scenario::default().parts_loaded as usize;
     let mut viewer = Viewer::connect(wait_for("the view's address", || address(&run.stderr())));
     let hello = viewer.next("hello");
     assert_eq!((&hello["source"], &hello["end_s"]), (&json!("run"), &json!(3600.0)));
@@ -122,13 +124,13 @@ fn a_run_is_shown_and_controlled() {
     let frame = viewer.frame("a frame of everything", |frame| {
         let feeder = &frame["feeders"]["feeder"];
         let parts = |key: &str| feeder[key]["id"].as_array().map_or(0, Vec::len);
-        parts("truth") == 20 && feeder["courier_state"]["vibrating"] == true && !feeder["candidates"].is_null()
+        parts("truth") == loaded && feeder["courier_state"]["vibrating"] == true && !feeder["candidates"].is_null()
     });
     assert!(frame["speed"].is_null() || frame["speed"] == json!(1.0), "{}", frame["speed"]);
     assert_eq!(frame["feeders"]["feeder"]["delivery"]["phase"], "feeding");
     let truth = &frame["feeders"]["feeder"]["truth"];
-    assert_eq!(truth["position_m"].as_array().unwrap().len(), 60);
-    assert_eq!(truth["orientation_xyzw"].as_array().unwrap().len(), 80);
+    assert_eq!(truth["position_m"].as_array().unwrap().len(), 3 * loaded);
+    assert_eq!(truth["orientation_xyzw"].as_array().unwrap().len(), 4 * loaded);
     let motion = viewer.until("a period of the waveform", |message| {
         message["type"] == "motion" && !message["commanded_velocity"].is_null()
     });
@@ -160,9 +162,9 @@ fn a_run_is_shown_and_controlled() {
     assert!(blocks.windows(2).all(|pair| (pair[1] - pair[0] - 0.01).abs() < 1e-6), "{blocks:?}");
 
     viewer.control("full_speed", &json!({}));
-    viewer.control("load_parts", &json!({ "count": 5 }));
+    viewer.control("load_parts", &json!({ "count": 20 }));
     viewer.frame("the new parts", |frame| {
-        frame["feeders"]["feeder"]["truth"]["id"].as_array().is_some_and(|parts| parts.len() > 20)
+        frame["feeders"]["feeder"]["truth"]["id"].as_array().is_some_and(|parts| parts.len() > loaded)
     });
     viewer.control("emergency_stop", &json!({}));
     viewer.frame("the stop", |frame| !frame["feeders"]["feeder"]["courier_state"]["fault"].is_null());

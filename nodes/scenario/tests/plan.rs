@@ -286,10 +286,10 @@ fn changed(written: &str, changed: &str) -> Result<Scenario, feeder_scenario::Sc
 #[test]
 fn a_value_or_a_key_that_is_wrong_is_told_once_with_what_is_allowed() {
     let refused = |written: &str, wrong: &str| changed(written, wrong).unwrap_err().to_string();
-    let count = refused("parts_loaded: 20", "parts_loaded: -3");
+    let count = refused("parts_loaded: 60", "parts_loaded: -3");
     assert!(count.contains("not a whole number from 0 to 4294967295"), "{count}");
     assert!(count.contains("parts_loaded: -3") && count.starts_with("line "), "{count}");
-    let key = refused("parts_loaded: 20", "parts_looaded: 20");
+    let key = refused("parts_loaded: 60", "parts_looaded: 60");
     assert!(key.contains("parts_looaded"), "{key}");
     assert_eq!(key.matches("further_feeders").count(), 1, "{key}");
 }
@@ -345,8 +345,8 @@ fn a_gripper_opens_for_the_part_and_needs_room_for_its_jaws() {
 #[test]
 fn the_parts_are_a_load_that_driver_and_planner_know() {
     let grommet_kg = Scenario::default().part_type().unwrap().mass_kg;
-    for (loaded, more, parts) in [("20", "", 20.0), ("1", "refill_below: 30\n", 30.0), ("0", "", 0.0)] {
-        let scenario = changed("parts_loaded: 20\n", &format!("parts_loaded: {loaded}\n{more}")).unwrap();
+    for (loaded, more, parts) in [("60", "", 60.0), ("1", "refill_below: 30\n", 30.0), ("0", "", 0.0)] {
+        let scenario = changed("parts_loaded: 60\n", &format!("parts_loaded: {loaded}\n{more}")).unwrap();
         let plan = scenario.plan().unwrap();
         let (_, driver) = plan.of_kind::<CourierDriverConfig>().next().unwrap();
         let (_, planner) = plan.of_kind::<DeliveryPlannerConfig>().next().unwrap();
