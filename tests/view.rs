@@ -162,6 +162,7 @@ fn a_run_is_shown_and_controlled() {
     assert!(blocks.windows(2).all(|pair| (pair[1] - pair[0] - 0.01).abs() < 1e-6), "{blocks:?}");
 
     viewer.control("full_speed", &json!({}));
+    // More than are taken meanwhile.
     viewer.control("load_parts", &json!({ "count": 20 }));
     viewer.frame("the new parts", |frame| {
         frame["feeders"]["feeder"]["truth"]["id"].as_array().is_some_and(|parts| parts.len() > loaded)
