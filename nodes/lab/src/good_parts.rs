@@ -105,9 +105,10 @@ impl Setup {
         scenario.refill_below = scenario.parts_loaded;
         if let Some(wanted_s) = args.period {
             match &mut scenario.waveform {
-                WaveformSpec::StickSlip { period_s, .. }
-                | WaveformSpec::CoulombPump { period_s, .. }
-                | WaveformSpec::Optimal { period_s, .. } => *period_s = wanted_s,
+                WaveformSpec::StickSlip { period_s, .. } => *period_s = Some(wanted_s),
+                WaveformSpec::CoulombPump { period_s, .. } | WaveformSpec::Optimal { period_s, .. } => {
+                    *period_s = wanted_s
+                }
                 WaveformSpec::Segments { .. } => anyhow::bail!("--period: a waveform of segments has its own"),
             }
         }

@@ -117,9 +117,10 @@ impl Bench {
             ..scenario.courier
         };
         let mut driver = SimulatedCourier { config, motor: assumed_motor() }.driver(seed)?;
-        driver.set_waveform(&scenario.waveform()?, true)?;
+        let waveform = scenario.waveform()?;
+        driver.set_waveform(&waveform, true)?;
         run_for(&mut driver, LEARNING_S);
-        driver.set_waveform(&scenario.waveform()?, false)?;
+        driver.set_waveform(&waveform, false)?;
         while !driver.step(20).status.at_rest() {}
         driver.motor_mut().take_block();
         let friction = scenario.part_type()?.friction.static_coefficient();

@@ -157,7 +157,7 @@ impl Scenario {
             }
             if let Some(waveform) = &recipe.waveform {
                 waveform
-                    .design(&self.tray.geometry, self.believed_friction_min(part))
+                    .design(&self.design_basis(part))
                     .map_err(|error| invalid("recipes", &format_args!("{}.waveform: {error}", recipe.name)))?;
             }
         }

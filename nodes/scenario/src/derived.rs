@@ -16,6 +16,7 @@ use feeder_vision::SelectorConfig;
 
 use crate::loading::LOADING_SPEED_SHARE;
 use crate::plan::SimulatedCamera;
+use crate::waveform::DesignBasis;
 use crate::{Scenario, ScenarioError, invalid};
 
 impl Scenario {
@@ -24,8 +25,24 @@ impl Scenario {
     /// # Errors
     /// A parameter out of its range.
     pub fn waveform(&self) -> Result<Waveform, ScenarioError> {
-        let friction_min = self.believed_friction_min(&self.part_type()?);
-        self.waveform.design(&self.tray.geometry, friction_min).map_err(|error| invalid("waveform", &error))
+        // Designed for the part as control knows it, not as it is in a run.
+        self.waveform.design(&self.design_basis(&self.part_type()?)).map_err(|error| invalid("waveform", &error))
+    }
+
+    /// What waveforms are designed for where they state nothing else.
+    #[must_use]
+    pub fn design_basis(&self, part: &PartType) -> DesignBasis {
+        DesignBasis {
+            tray: self.tray.geometry,
+            part_friction_min: self.believed_friction_min(part),
+            outermost_m: self.outermost_m(part),
+            yaw_rad_max: self.courier.limits.yaw_rad_max,
+        }
+    }
+
+    /// Radius at which the middle of a part rides along the outer wall, m.
+    pub(crate) fn outermost_m(&self, part: &PartType) -> f64 {
+        self.tray.geometry.outer_radius_m - part.outline_radius_m()
     }
 
     /// The friction that control believes the part to have: the part's own, unless the scenario says otherwise.
@@ -34,8 +51,8 @@ impl Scenario {
         self.believed.part_friction.unwrap_or(part.friction.static_coefficient())
     }
 
-    /// The least that control believes it may be, as uncertain as it is: with this moves reckon, and for this an optimal
-    /// waveform is designed.
+    /// The least that control believes it may be, as uncertain as it is: with this moves reckon, and for this waveforms are
+    /// designed.
     #[must_use]
     pub fn believed_friction_min(&self, part: &PartType) -> f64 {
         self.believed_friction(part) * (1.0 - part.friction_uncertainty_ratio)
@@ -64,8 +81,8 @@ impl Scenario {
             let map = TrayMap::new(&track, waveform)?;
             let feed = |step: u32| {
                 let radius_m = (tray.inner_radius_m + step_m * f64::from(step)).min(tray.outer_radius_m);
-                let steady = map.drive(radius_m, Surface::Plateau)?.steady();
-                Ok(steady.map(|steady| FeedRate { radius_m, rate_rad_s: steady.feed_m_s / radius_m }))
+                let rate_rad_s = map.rate_rad_s(radius_m, Surface::Plateau)?;
+                Ok(rate_rad_s.map(|rate_rad_s| FeedRate { radius_m, rate_rad_s }))
             };
             (0..=RADII).map(feed).collect()
         };
@@ -87,14 +104,14 @@ impl Scenario {
         /// Radii at which it is worked out, evenly spaced.
         const RADII: u32 = 12;
         let tray = self.tray.geometry;
-        let outermost_m = tray.outer_radius_m - part.outline_radius_m();
+        let outermost_m = self.outermost_m(part);
         let step_m = (outermost_m - tray.inner_radius_m) / f64::from(RADII);
         let rates = || -> Result<Vec<(f64, f64)>, MechanicsError> {
             let track = self.believed_track(part)?;
             let map = TrayMap::new(&track, waveform)?;
             let climb = |step: u32| {
                 let radius_m = tray.inner_radius_m + step_m * f64::from(step);
-                Ok((radius_m, map.at(radius_m)?.ramp.map_or(0.0, |ramp| ramp.rate_rad_s)))
+                Ok((radius_m, map.rate_rad_s(radius_m, Surface::Ramp)?.unwrap_or(0.0)))
             };
             (0..=RADII).map(climb).collect()
         };

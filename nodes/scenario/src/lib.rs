@@ -37,7 +37,7 @@ pub use motor::{MotorSource, SimulatedCourier, SimulatedDriver, assumed_motor};
 pub use placed::PlacedPart;
 pub use sections::{BelievedSection, CameraSection, RunSection, Station, TimeSection, WorldSection};
 pub use source::Source;
-pub use waveform::WaveformSpec;
+pub use waveform::{DesignBasis, WaveformSpec};
 
 /// The scenario that runs when none is named.
 pub const BUILT_IN: &str = include_str!("../../../launch_configs/default.yaml");

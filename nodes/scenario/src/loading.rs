@@ -6,6 +6,7 @@ use feeder_model::mechanics::MechanicsError;
 use feeder_model::mechanics::annular::AnnularTrack;
 use feeder_model::mechanics::map::TrayMap;
 use feeder_model::part::PartType;
+use feeder_model::tray::Surface;
 use feeder_sim::parts::{BulkSettings, check_fit};
 
 /// Parts are loaded where they climb at least at this share of the speed they have at the outer wall.
@@ -51,9 +52,9 @@ impl Scenario {
         let track = AnnularTrack::new(tray, part.friction, STANDARD_GRAVITY_M_S2)?;
         let Ok(waveform) = self.waveform() else { return Ok(None) };
         let map = TrayMap::new(&track, &waveform)?;
-        let outermost_m = tray.outer_radius_m - part.outline_radius_m();
+        let outermost_m = self.outermost_m(part);
         let speed_m_s = |radius_m: f64| -> Result<f64, MechanicsError> {
-            Ok(map.at(radius_m)?.ramp.map_or(0.0, |ramp| ramp.rate_rad_s * radius_m))
+            Ok(map.rate_rad_s(radius_m, Surface::Ramp)?.map_or(0.0, |rate_rad_s| rate_rad_s * radius_m))
         };
         let fastest_m_s = speed_m_s(outermost_m)?;
         if fastest_m_s <= 0.0 {

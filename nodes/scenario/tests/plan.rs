@@ -122,6 +122,30 @@ fn moves_reckon_with_the_least_friction_that_the_part_may_have() {
     }
 }
 
+/// A stick-slip that states no more than its larger acceleration suits parts that one with stated values does not climb with.
+#[test]
+fn a_stick_slip_is_designed_for_the_part_unless_its_values_are_stated() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = |friction: f64, stated: &str| {
+        let file = with_part(folder.path(), friction, "");
+        let mut scenario: Vec<String> = std::fs::read_to_string(&file).unwrap().lines().map(str::to_owned).collect();
+        let begins = scenario.iter().position(|line| line == "waveform:").unwrap();
+        let ends = begins + 1 + scenario[begins + 1..].iter().position(|line| !line.starts_with(' ')).unwrap();
+        scenario.splice(begins + 1..ends, [format!("  {{ kind: stick_slip, a_max_rad_s2: 300.0{stated} }}")]);
+        std::fs::write(&file, scenario.join("\n")).unwrap();
+        load_plan(Some(&file)).map_err(|error| error.to_string())
+    };
+    let stated = ", a_min_rad_s2: 15.0, period_s: 0.17";
+    assert!(plan(0.2, stated).is_ok());
+    let refused = plan(0.12, stated).unwrap_err();
+    assert!(refused.contains("parts climb nowhere"), "{refused}");
+    for friction in [0.12, 0.16, 0.2, 0.5] {
+        plan(friction, "").unwrap_or_else(|refused| panic!("{friction}: {refused}"));
+    }
+    let refused = plan(0.08, "").unwrap_err();
+    assert!(refused.contains("least friction of the part"), "{refused}");
+}
+
 /// Camera, light, noise and friction of what is simulated are near to what selector and planner believe, but not the same.
 #[test]
 fn the_world_differs_a_little_from_what_control_was_told() {

@@ -20,6 +20,8 @@ pub(super) struct ArrivalWatch {
     parts: u32,
     /// The line that is crossed, rad.
     line_rad: f64,
+    /// Time for which the first parts are still on their way from the end of the ramp to the line, s.
+    under_way_s: f64,
     /// Where the parts of the last frame were, rad.
     last: Option<(Stamp, BTreeMap<u64, f64>)>,
     /// Parts that came and that should have come, both fading.
@@ -52,6 +54,7 @@ impl ArrivalWatch {
             climb_per_s: None,
             parts: 0,
             line_rad: ramp_angle_rad + Self::BEYOND_RAD,
+            under_way_s: 0.0,
             last: None,
             arrived: 0.0,
             expected: 0.0,
@@ -65,6 +68,9 @@ impl ArrivalWatch {
     pub(super) fn expect(&mut self, climb_per_s: Option<f64>) {
         (self.climb_per_s, self.last, self.few) = (climb_per_s, None, None);
         (self.arrived, self.expected) = (0.0, 0.0);
+        // As fast as on the ramp, at least.
+        let ramp_rad = self.line_rad - Self::BEYOND_RAD;
+        self.under_way_s = climb_per_s.map_or(0.0, |climb_per_s| Self::BEYOND_RAD / (climb_per_s * ramp_rad));
     }
 
     /// Somebody waits for a part from now on.
@@ -102,7 +108,8 @@ impl ArrivalWatch {
             let seen = u32::try_from(frame.candidates.len()).unwrap_or(u32::MAX);
             self.on_ramp = f64::from(self.parts.saturating_sub(seen));
             let arrived = crossed(before) as f64;
-            let expected = climb_per_s * self.on_ramp * elapsed_s;
+            let expected = climb_per_s * self.on_ramp * (elapsed_s - self.under_way_s).max(0.0);
+            self.under_way_s = (self.under_way_s - elapsed_s).max(0.0);
             self.due += expected;
             let fading = (-expected / Self::MEMORY).exp();
             self.arrived = self.arrived * fading + arrived;
@@ -159,6 +166,23 @@ mod tests {
         {
             assert_eq!(watched(40, every_s).few().is_some(), few, "{every_s:?}");
         }
+    }
+
+    #[test]
+    fn no_part_is_missed_that_is_still_on_its_way_to_the_line() {
+        // Eight a second should come, the first after 0.64 s.
+        let seen_for = |frames: u32| {
+            let mut watch = ArrivalWatch::new(PI);
+            watch.expect(Some(0.1));
+            watch.carry(80);
+            for frame in 0..=frames {
+                let stamp = Stamp::from_secs_f64(0.1 * f64::from(frame));
+                watch.see(&CandidateFrame { stamp, candidates: Vec::new(), is_blind: false });
+            }
+            watch
+        };
+        assert_eq!(seen_for(10).few(), None);
+        assert!(seen_for(20).few().is_some());
     }
 
     #[test]

@@ -111,9 +111,16 @@ fn waveforms(part: &PartType) -> [(&'static str, WaveformSpec); 3] {
     [
         (
             "paper's, 30 Hz",
-            WaveformSpec::StickSlip { period_s: 1.0 / 30.0, a_min_rad_s2: 9.0 * paper_m, a_max_rad_s2: 66.7 * paper_m },
+            WaveformSpec::StickSlip {
+                period_s: Some(1.0 / 30.0),
+                a_min_rad_s2: Some(9.0 * paper_m),
+                a_max_rad_s2: 66.7 * paper_m,
+            },
         ),
-        ("stick-slip, 5.9 Hz", WaveformSpec::StickSlip { period_s: 0.17, a_min_rad_s2: 15.0, a_max_rad_s2: 300.0 }),
+        (
+            "stick-slip, 5.9 Hz",
+            WaveformSpec::StickSlip { period_s: Some(0.17), a_min_rad_s2: Some(15.0), a_max_rad_s2: 300.0 },
+        ),
         (
             "optimal, 10 Hz",
             WaveformSpec::Optimal {

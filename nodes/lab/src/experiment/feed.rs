@@ -7,9 +7,9 @@ use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_model::mechanics::Friction;
 use feeder_model::mechanics::annular::{AnnularTrack, PartState};
 use feeder_model::motion::MotionSample;
-use feeder_model::tray::{Surface, TrayGeometry};
-use feeder_model::waveform::{Axis, Waveform};
-use feeder_scenario::{SimulatedCourier, SimulatedDriver, WaveformSpec};
+use feeder_model::tray::TrayGeometry;
+use feeder_model::waveform::{Axis, OptimalDesign, Waveform};
+use feeder_scenario::{SimulatedCourier, SimulatedDriver};
 
 /// Where the part on the ramp and the part on the plateau start, rad.
 const START_RAD: [f64; 2] = [1.0, 4.0];
@@ -56,19 +56,20 @@ impl FeedTrial {
         Self::of(Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 9.0 * mu_g, 66.7 * mu_g).expect("in range"), period_s)
     }
 
-    /// The trial of the same tray and parts with the waveform that a scenario runs unless it states another: optimal at
-    /// 10 Hz for nine tenths of the friction.
+    /// The trial of the same tray and parts with the waveform that a scenario runs unless it states another, optimal at
+    /// 10 Hz, for the friction of these parts.
     #[must_use]
     #[expect(clippy::expect_used, reason = "the values are in range")]
     pub fn built_in(period_s: f64) -> Self {
-        let spec = WaveformSpec::Optimal {
-            period_s: 0.1,
-            radius_m: 0.085,
-            surface: Surface::Ramp,
-            friction: None,
-            limit_rad_s2: 130.0,
+        let radius_m = 0.085;
+        let design = OptimalDesign {
+            friction: 0.2,
+            slope_rad: TrayGeometry::PAPER.ramp_slope_rad(radius_m),
+            gravity_m_s2: STANDARD_GRAVITY_M_S2,
+            limit_m_s2: 130.0 * radius_m,
         };
-        Self::of(spec.design(&TrayGeometry::PAPER, 0.2).expect("in range"), period_s)
+        let waveform = Waveform::optimal(Axis::Yaw, 0.1, &design).and_then(|waveform| waveform.scaled(1.0 / radius_m));
+        Self::of(waveform.expect("in range"), period_s)
     }
 
     #[expect(clippy::expect_used, reason = "the paper's values are in range")]

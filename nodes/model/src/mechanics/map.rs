@@ -67,7 +67,21 @@ impl<'a> TrayMap<'a> {
             .drive(self.waveform, radius_m)
     }
 
-    /// Steady travel at a radius.
+    /// How fast parts run round in steady motion, rad/s; `None` if they slide down for ever.
+    ///
+    /// # Errors
+    ///
+    /// If the radius is off the tray, or the part leaves the surface.
+    pub fn rate_rad_s(&self, radius_m: f64, surface: Surface) -> Result<Option<f64>, MechanicsError> {
+        let steady = self.drive(radius_m, surface)?.steady();
+        Ok(steady.map(|steady| self.round_rad_s(radius_m, surface, &steady)))
+    }
+
+    fn round_rad_s(&self, radius_m: f64, surface: Surface, steady: &Steady) -> f64 {
+        steady.feed_m_s * self.slope_rad(radius_m, surface).cos() / radius_m
+    }
+
+    /// Steady travel at a radius, and the drift across it, which takes far longer to find.
     ///
     /// # Errors
     ///
@@ -75,7 +89,7 @@ impl<'a> TrayMap<'a> {
     pub fn at(&self, radius_m: f64) -> Result<RadiusFeed, MechanicsError> {
         let feed = |surface| -> Result<Option<SurfaceFeed>, MechanicsError> {
             Ok(self.drive(radius_m, surface)?.steady().map(|steady| SurfaceFeed {
-                rate_rad_s: steady.feed_m_s * self.slope_rad(radius_m, surface).cos() / radius_m,
+                rate_rad_s: self.round_rad_s(radius_m, surface, &steady),
                 radial_drift_m_s: self.radial_drift_m_s(radius_m, surface, &steady),
                 steady,
             }))

@@ -26,6 +26,13 @@ struct StickWindow {
 }
 
 impl OptimalDesign {
+    /// The largest horizontal acceleration of the tray that carries a part up a slope φ, g tan(φ_f − φ) with φ_f = atan μ,
+    /// m/s²; not positive if the part slides down by itself.
+    #[must_use]
+    pub fn carrying_m_s2(friction: f64, slope_rad: f64, gravity_m_s2: f64) -> f64 {
+        gravity_m_s2 * (friction.atan() - slope_rad).tan()
+    }
+
     /// Checks the design and gives its stick window.
     fn window(&self) -> Result<StickWindow, OutOfRange> {
         let Self { friction, slope_rad, gravity_m_s2, limit_m_s2 } = *self;
@@ -41,7 +48,7 @@ impl OptimalDesign {
                 friction_angle.min(std::f64::consts::FRAC_PI_2 - friction_angle)
             ),
         )?;
-        let forward = gravity_m_s2 * (friction_angle - slope_rad).tan();
+        let forward = Self::carrying_m_s2(friction, slope_rad, gravity_m_s2);
         let backward = gravity_m_s2 * (friction_angle + slope_rad).tan();
         // On a slope one of the pushes takes the tray from under the part beyond g / tan |φ|.
         let lift_off = gravity_m_s2 / slope_rad.abs().tan();

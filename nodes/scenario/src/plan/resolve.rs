@@ -137,10 +137,7 @@ impl Scenario {
             rechecked: rechecked.contains(&station.name),
         });
         let recipes = self.recipes(part).into_iter().map(|recipe| {
-            let waveform = recipe
-                .waveform
-                .map(|waveform| waveform.design(&self.tray.geometry, self.believed_friction_min(part)))
-                .transpose();
+            let waveform = recipe.waveform.map(|waveform| waveform.design(&self.design_basis(part))).transpose();
             let waveform = waveform.map_err(|error| invalid("recipes", &error))?;
             let runs = waveform.clone().map_or_else(|| self.waveform(), Ok)?;
             let plateau_feed = self.plateau_feed(part, &runs)?;
