@@ -84,19 +84,69 @@ pub(super) fn glance(
     cost_max: f32,
 ) -> f32 {
     let points = &turn.points[..turn.points.len().min(GLANCE_POINTS)];
-    let enough = cost_max * points.len() as f32;
-    let (mut sum, mut seen) = (0.0, 0.0_f32);
+    mean_miss(frame, points, (column, row), light, CostMax { first: f32::INFINITY, all: cost_max })
+}
+
+/// Mean square misses beyond which it does not matter by how much.
+#[derive(Clone, Copy)]
+pub(super) struct CostMax {
+    /// Of the first points.
+    pub first: f32,
+    /// Of all.
+    pub all: f32,
+}
+
+/// Mean square miss of a turned part at a pixel of the window; infinitely much where it is too much or too little is seen.
+pub(super) fn coarse(
+    frame: &Segmentation,
+    turn: &Turn,
+    place: (usize, usize),
+    light: &LightAmounts,
+    cost_max: CostMax,
+) -> f32 {
+    mean_miss(frame, &turn.points, place, light, cost_max)
+}
+
+/// As [`coarse`], by the points given.
+#[inline]
+fn mean_miss(
+    frame: &Segmentation,
+    points: &[CoarsePoint],
+    (column, row): (usize, usize),
+    light: &LightAmounts,
+    cost_max: CostMax,
+) -> f32 {
+    const FIRST: u16 = 24;
+    let enough = cost_max.all * points.len() as f32;
+    let (mut sum, mut seen) = (0.0, 0_u16);
     for point in points {
         let Some((level, index)) = at_pixel(frame, point, column, row) else {
             continue;
         };
         sum += miss(frame, point, light, level, index).powi(2);
-        seen += 1.0;
-        if sum > enough {
+        seen += 1;
+        if sum > enough || (seen == FIRST && sum > cost_max.first * f32::from(FIRST)) {
             return f32::INFINITY;
         }
     }
+    let seen = f32::from(seen);
     if seen < SEEN_MIN * points.len() as f32 { f32::INFINITY } else { sum / seen }
+}
+
+/// Evidence, as in [`Fit`], of a turned part at a pixel of the window.
+pub(super) fn coarse_evidence(
+    frame: &Segmentation,
+    turn: &Turn,
+    (column, row): (usize, usize),
+    light: &LightAmounts,
+) -> f32 {
+    let bare = Bare::new(frame.sigma * frame.sigma);
+    let seen = turn.points.iter().filter_map(|point| Some((point, at_pixel(frame, point, column, row)?)));
+    let outdone = seen.map(|(point, (level, index))| {
+        let miss = miss(frame, point, light, level, index);
+        bare.outdone(level - frame.wall_shade(index), miss, point.log_inverse_sigma)
+    });
+    outdone.sum::<f32>() * turn.point_weight
 }
 
 /// Relative brightness at a point of a part whose centre is at a pixel of the window, and the index of the pixel
@@ -115,38 +165,6 @@ fn at_pixel(frame: &Segmentation, point: &CoarsePoint, column: usize, row: usize
 fn miss(frame: &Segmentation, point: &CoarsePoint, light: &LightAmounts, level: f32, index: usize) -> f32 {
     let value = point.value + added(&point.effect, light) + point.wall_shade * frame.wall_shade(index);
     ((level - value) * point.inverse_sigma).clamp(-MISS_SIGMAS_MAX, MISS_SIGMAS_MAX)
-}
-
-/// Mean square miss of a turned part at a pixel of the window and its evidence as in [`Fit`]; infinitely bad where too
-/// little of it is seen, or where the first points miss by more than `cost_max`.
-pub(super) fn coarse(
-    frame: &Segmentation,
-    turn: &Turn,
-    (column, row): (usize, usize),
-    light: &LightAmounts,
-    cost_max: f32,
-) -> (f32, f32) {
-    const FIRST: u16 = 24;
-    let bare = Bare::new(frame.sigma * frame.sigma);
-    let (mut sum, mut evidence, mut seen) = (0.0, 0.0, 0_u16);
-    for point in &turn.points {
-        let Some((level, index)) = at_pixel(frame, point, column, row) else {
-            continue;
-        };
-        let miss = miss(frame, point, light, level, index);
-        sum += miss * miss;
-        evidence += bare.outdone(level - frame.wall_shade(index), miss, point.log_inverse_sigma);
-        seen += 1;
-        if seen == FIRST && sum > cost_max * f32::from(FIRST) {
-            return (f32::INFINITY, f32::NEG_INFINITY);
-        }
-    }
-    let seen = f32::from(seen);
-    if seen < SEEN_MIN * turn.points.len() as f32 {
-        (f32::INFINITY, f32::NEG_INFINITY)
-    } else {
-        (sum / seen, evidence * turn.point_weight)
-    }
 }
 
 /// The owner of what lies off the plateau.

@@ -2,7 +2,7 @@
 
 use nalgebra::Point2;
 
-use super::super::align::{Fit, coarse, glance};
+use super::super::align::{CostMax, Fit, coarse, coarse_evidence, glance};
 use super::super::modes::{self, LIGHT_MODES, Light};
 use super::super::search::Seed;
 use super::super::segment::Segmentation;
@@ -44,25 +44,28 @@ impl Detector {
         let window = self.segmentation.window;
         let turns = turns_at(view, &self.segmentation, sought, seed);
         let mut least = f32::INFINITY;
-        let mut looks: Vec<(f32, f32)> = turns
+        let mut looks: Vec<Look> = turns
             .iter()
             .map(|turn| {
-                let cost_max = FIRST_COST_MAX.min(least + BESIDE_COST);
-                let look = coarse(&self.segmentation, turn, (seed.column, seed.row), &seed.light, cost_max);
-                least = least.min(look.0);
-                look
+                let all = least + BESIDE_COST;
+                let cost_max = CostMax { first: FIRST_COST_MAX.min(all), all };
+                let place = (seed.column, seed.row);
+                let cost = coarse(&self.segmentation, turn, place, &seed.light, cost_max);
+                least = least.min(cost);
+                Look { cost, place }
             })
             .collect();
         // The seed may be a pixel beside the centre: the place where the best turn misses least is taken.
         let worth_a_look = least + BESIDE_COST;
         let mut best_place = (seed.column, seed.row);
-        for (look, turn) in looks.iter_mut().zip(turns).filter(|(look, _)| look.0 <= worth_a_look) {
+        for (look, turn) in looks.iter_mut().zip(turns).filter(|(look, _)| look.cost <= worth_a_look) {
             for place in beside(seed) {
-                let other = coarse(&self.segmentation, turn, place, &seed.light, look.0);
-                if other.0 < look.0 {
-                    *look = other;
-                    if other.0 <= least {
-                        (least, best_place) = (other.0, place);
+                let cost_max = CostMax { first: look.cost, all: look.cost };
+                let cost = coarse(&self.segmentation, turn, place, &seed.light, cost_max);
+                if cost < look.cost {
+                    *look = Look { cost, place };
+                    if cost <= least {
+                        (least, best_place) = (cost, place);
                     }
                 }
             }
@@ -71,8 +74,10 @@ impl Detector {
         let Some(centre) = view.tray_point(pixel, sought.plane_m) else {
             return;
         };
-        guesses.extend(valleys(&looks).into_iter().map(|index| {
-            let (cost, evidence) = looks[index];
+        let evidence =
+            |index: usize| coarse_evidence(&self.segmentation, &turns[index], looks[index].place, &seed.light);
+        guesses.extend(valleys(&looks, evidence).into_iter().map(|(index, evidence)| {
+            let cost = looks[index].cost;
             let amounts = modes::all(&seed.light);
             let yaw_rad = turns[index].yaw_rad - view.platen_from_tray.rotation.angle();
             Found::new(seed.pose, Fit { centre, yaw_rad, cost, evidence, amounts })
@@ -128,20 +133,28 @@ pub(super) fn turns_at<'a>(view: &View, frame: &Segmentation, sought: &'a Sought
     slant.and_then(|slant| sought.turns.get(slant_index(slant))).map_or(&[], Vec::as_slice)
 }
 
-/// Of what all turns look like (mean square miss and evidence), the few that miss less than those next to them, the best
-/// first.
-fn valleys(looks: &[(f32, f32)]) -> Vec<usize> {
-    let cost_after = |index: usize, step: usize| looks[(index + step) % looks.len()].0;
-    let least = looks.iter().map(|look| look.0).fold(f32::INFINITY, f32::min);
-    let mut valleys: Vec<usize> = (0..looks.len())
-        .filter(|index| {
-            let cost = looks[*index].0;
-            let lowest = cost <= cost_after(*index, 1) && cost <= cost_after(*index, looks.len() - 1);
-            // What bare floor explains better is no part.
-            lowest && cost <= COARSE_COST_MAX.min(least + SECOND_YAW_COST) && looks[*index].1 > 0.0
-        })
-        .collect();
-    valleys.sort_by(|a, b| looks[*a].0.total_cmp(&looks[*b].0));
+/// What a turn looks like at the place near a seed where it misses least.
+#[derive(Clone, Copy)]
+struct Look {
+    /// Mean square miss.
+    cost: f32,
+    /// Column and row of the window.
+    place: (usize, usize),
+}
+
+/// Of what all turns look like, the few that miss less than those next to them, with their evidence, the best first.
+fn valleys(looks: &[Look], evidence: impl Fn(usize) -> f32) -> Vec<(usize, f32)> {
+    let cost_after = |index: usize, step: usize| looks[(index + step) % looks.len()].cost;
+    let least = looks.iter().map(|look| look.cost).fold(f32::INFINITY, f32::min);
+    let is_lowest = |index: usize| {
+        let cost = looks[index].cost;
+        let lowest = cost <= cost_after(index, 1) && cost <= cost_after(index, looks.len() - 1);
+        lowest && cost <= COARSE_COST_MAX.min(least + SECOND_YAW_COST)
+    };
+    let valleys = (0..looks.len()).filter(|index| is_lowest(*index)).map(|index| (index, evidence(index)));
+    // What bare floor explains better is no part.
+    let mut valleys: Vec<(usize, f32)> = valleys.filter(|(_, evidence)| *evidence > 0.0).collect();
+    valleys.sort_by(|(a, _), (b, _)| looks[*a].cost.total_cmp(&looks[*b].cost));
     valleys.truncate(YAWS_MAX);
     valleys
 }
