@@ -107,7 +107,7 @@ impl Setup {
             match &mut scenario.waveform {
                 WaveformSpec::StickSlip { period_s, .. } => *period_s = Some(wanted_s),
                 WaveformSpec::CoulombPump { period_s, .. } | WaveformSpec::Optimal { period_s, .. } => {
-                    *period_s = wanted_s
+                    *period_s = wanted_s;
                 }
                 WaveformSpec::Segments { .. } => anyhow::bail!("--period: a waveform of segments has its own"),
             }
