@@ -14,8 +14,8 @@ use feeder_model::waveform::{Axis, OptimalDesign, Segment, Waveform, WaveformErr
 pub enum WaveformSpec {
     /// Quaid Eqs 1–3.
     StickSlip {
-        /// Period, s; without it the longest within which the tray turns no further than `courier.limits.yaw_rad_max`, as
-        /// parts are fed the faster, in whole milliseconds.
+        /// Period, s; without it the longest in whole milliseconds for which the tray turns by no more than 0.95 of
+        /// `courier.limits.yaw_rad_max`: the longer it is, the faster parts are fed.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         period_s: Option<f64>,
         /// The smaller acceleration, with which the part is carried, rad/s²; without it the largest with which a part is
@@ -79,10 +79,10 @@ impl DesignBasis {
         Ok(carrying_m_s2 / self.outermost_m)
     }
 
-    /// The longest stick-slip of these accelerations, rad/s², within which the tray turns no further than it may.
+    /// The longest stick-slip of these accelerations, rad/s², within which the tray turns hardly as far as it may.
     fn longest_stick_slip(&self, a_min: f64, a_max: f64) -> Result<Waveform, WaveformError> {
-        /// Kept free for what the harmonics that the courier can follow make of the turn.
-        const YAW_SHARE: f64 = 0.999;
+        /// The rest is left to a courier that does not follow exactly.
+        const YAW_SHARE: f64 = 0.95;
         let of_a_second = Waveform::stick_slip(Axis::Yaw, 1.0, a_min, a_max)?;
         // The same accelerations turn the tray with the square of the period.
         let period_s = (YAW_SHARE * self.yaw_rad_max / of_a_second.peak_position()).sqrt();
@@ -174,11 +174,11 @@ mod tests {
     }
 
     #[test]
-    fn a_designed_stick_slip_turns_the_tray_as_far_as_it_may_and_no_further() {
+    fn a_designed_stick_slip_turns_the_tray_by_a_twentieth_less_than_it_may() {
         for friction in [0.1, 0.18, 0.3, 0.5] {
             let waveform = LONGEST.design(&basis(friction)).unwrap();
             let peak_rad = waveform.peak_position();
-            assert!((0.97 * 0.035..0.035).contains(&peak_rad), "{friction}: {peak_rad}");
+            assert!((0.93 * 0.035..0.951 * 0.035).contains(&peak_rad), "{friction}: {peak_rad}");
         }
     }
 
