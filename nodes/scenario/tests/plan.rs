@@ -146,6 +146,22 @@ fn a_stick_slip_is_designed_for_the_part_unless_its_values_are_stated() {
     assert!(refused.contains("least friction of the part"), "{refused}");
 }
 
+/// The waveform that runs is designed for what is believed; how far in parts climb under it is the world's affair.
+#[test]
+fn with_less_friction_in_the_world_than_believed_parts_climb_on_less_of_the_ramp() {
+    let folder = tempfile::tempdir().unwrap();
+    let critical_m = |ratio: f64| {
+        let file = with_part(folder.path(), 0.2, "");
+        let text = std::fs::read_to_string(&file).unwrap();
+        let differs = format!("motor: motor.yaml\n  differences: {{ friction_ratio: {ratio} }}");
+        std::fs::write(&file, text.replace("motor: motor.yaml", &differs)).unwrap();
+        let (_, simulator) = load_node::<PartSimulatorConfig>(Some(&file), None).unwrap();
+        simulator.bulk.critical_radius_m.unwrap()
+    };
+    let [less, as_believed, more] = [0.95, 1.0, 1.05].map(critical_m);
+    assert!(less > as_believed + 0.002 && as_believed > more + 0.002, "{less}, {as_believed}, {more} m");
+}
+
 /// Camera, light, noise and friction of what is simulated are near to what selector and planner believe, but not the same.
 #[test]
 fn the_world_differs_a_little_from_what_control_was_told() {
