@@ -108,9 +108,10 @@ impl ArrivalWatch {
             let seen = u32::try_from(frame.candidates.len()).unwrap_or(u32::MAX);
             self.on_ramp = f64::from(self.parts.saturating_sub(seen));
             let arrived = crossed(before) as f64;
-            let expected = climb_per_s * self.on_ramp * (elapsed_s - self.under_way_s).max(0.0);
+            let coming_per_s = climb_per_s * self.on_ramp;
+            self.due += coming_per_s * elapsed_s;
+            let expected = coming_per_s * (elapsed_s - self.under_way_s).max(0.0);
             self.under_way_s = (self.under_way_s - elapsed_s).max(0.0);
-            self.due += expected;
             let fading = (-expected / Self::MEMORY).exp();
             self.arrived = self.arrived * fading + arrived;
             self.expected = self.expected * fading + expected;

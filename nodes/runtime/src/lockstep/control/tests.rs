@@ -1,3 +1,5 @@
+//! What operators ask of a run of one node, and what they are answered.
+
 use bytes::Bytes;
 use minifactory_msgs::action_msgs::srv::CancelGoalRequest;
 use minifactory_msgs::msg::LoopStatus;
