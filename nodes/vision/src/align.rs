@@ -84,7 +84,7 @@ pub(super) fn glance(
     cost_max: f32,
 ) -> f32 {
     let points = &turn.points[..turn.points.len().min(GLANCE_POINTS)];
-    mean_miss(frame, points, (column, row), light, CostMax { first: f32::INFINITY, all: cost_max })
+    coarse(frame, points, (column, row), light, CostMax { first: f32::INFINITY, all: cost_max })
 }
 
 /// Mean square misses beyond which it does not matter by how much.
@@ -96,20 +96,10 @@ pub(super) struct CostMax {
     pub all: f32,
 }
 
-/// Mean square miss of a turned part at a pixel of the window; infinitely much where it is too much or too little is seen.
-pub(super) fn coarse(
-    frame: &Segmentation,
-    turn: &Turn,
-    place: (usize, usize),
-    light: &LightAmounts,
-    cost_max: CostMax,
-) -> f32 {
-    mean_miss(frame, &turn.points, place, light, cost_max)
-}
-
-/// As [`coarse`], by the points given.
+/// Mean square miss of these points of a turned part at a pixel of the window; infinitely much where it is too much or too little
+/// is seen.
 #[inline]
-fn mean_miss(
+pub(super) fn coarse(
     frame: &Segmentation,
     points: &[CoarsePoint],
     (column, row): (usize, usize),

@@ -8,9 +8,11 @@ use feeder_model::mechanics::Friction;
 use feeder_model::mechanics::annular::{AnnularTrack, PartState};
 use feeder_model::motion::MotionSample;
 use feeder_model::tray::TrayGeometry;
-use feeder_model::waveform::{Axis, OptimalDesign, Waveform};
-use feeder_scenario::{SimulatedCourier, SimulatedDriver};
+use feeder_model::waveform::{Axis, Waveform};
+use feeder_scenario::{DesignBasis, Scenario, SimulatedCourier, SimulatedDriver};
 
+/// Coefficient of friction of the parts.
+const FRICTION: f64 = 0.2;
 /// Where the part on the ramp and the part on the plateau start, rad.
 const START_RAD: [f64; 2] = [1.0, 4.0];
 /// How long parts settle, and how long their feed is measured, s.
@@ -52,29 +54,25 @@ impl FeedTrial {
     #[must_use]
     #[expect(clippy::expect_used, reason = "the paper's values are in range")]
     pub fn paper(period_s: f64) -> Self {
-        let mu_g = 0.2 * STANDARD_GRAVITY_M_S2;
+        let mu_g = FRICTION * STANDARD_GRAVITY_M_S2;
         Self::of(Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 9.0 * mu_g, 66.7 * mu_g).expect("in range"), period_s)
     }
 
-    /// The trial of the same tray and parts with the waveform that a scenario runs unless it states another, optimal at
-    /// 10 Hz, for the friction of these parts.
+    /// The trial of the same tray and parts with the waveform of the built-in scenario, designed for the friction of these
+    /// parts.
     #[must_use]
     #[expect(clippy::expect_used, reason = "the values are in range")]
     pub fn built_in(period_s: f64) -> Self {
-        let radius_m = 0.085;
-        let design = OptimalDesign {
-            friction: 0.2,
-            slope_rad: TrayGeometry::PAPER.ramp_slope_rad(radius_m),
-            gravity_m_s2: STANDARD_GRAVITY_M_S2,
-            limit_m_s2: 130.0 * radius_m,
-        };
-        let waveform = Waveform::optimal(Axis::Yaw, 0.1, &design).and_then(|waveform| waveform.scaled(1.0 / radius_m));
+        let scenario = Scenario::default();
+        let part = scenario.part_type().expect("it comes with the feeder");
+        let basis = DesignBasis { part_friction_min: FRICTION, ..scenario.design_basis(&part) };
+        let waveform = scenario.waveform.design(&basis);
         Self::of(waveform.expect("in range"), period_s)
     }
 
     #[expect(clippy::expect_used, reason = "the paper's values are in range")]
     fn of(waveform: Waveform, period_s: f64) -> Self {
-        let friction = Friction::uniform(0.2).expect("in range");
+        let friction = Friction::uniform(FRICTION).expect("in range");
         let track = AnnularTrack::new(TrayGeometry::PAPER, friction, STANDARD_GRAVITY_M_S2).expect("in range");
         let mut trial = Self { waveform, track, radius_m: 0.085, period_s, reference_m_s: [1.0; 2] };
         let averaged = trial.tick_averaged();

@@ -50,7 +50,7 @@ impl Detector {
                 let all = least + BESIDE_COST;
                 let cost_max = CostMax { first: FIRST_COST_MAX.min(all), all };
                 let place = (seed.column, seed.row);
-                let cost = coarse(&self.segmentation, turn, place, &seed.light, cost_max);
+                let cost = coarse(&self.segmentation, &turn.points, place, &seed.light, cost_max);
                 least = least.min(cost);
                 Look { cost, place }
             })
@@ -61,7 +61,7 @@ impl Detector {
         for (look, turn) in looks.iter_mut().zip(turns).filter(|(look, _)| look.cost <= worth_a_look) {
             for place in beside(seed) {
                 let cost_max = CostMax { first: look.cost, all: look.cost };
-                let cost = coarse(&self.segmentation, turn, place, &seed.light, cost_max);
+                let cost = coarse(&self.segmentation, &turn.points, place, &seed.light, cost_max);
                 if cost < look.cost {
                     *look = Look { cost, place };
                     if cost <= least {
