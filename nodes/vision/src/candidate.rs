@@ -32,6 +32,13 @@ const LEAD_RATIO_SURE: f32 = 0.25;
 /// Mean square miss of the template alone from which it does not hold, whatever the parts of the frame have in common: it
 /// is about 1 at most where it does.
 const ALONE_COST_MAX: f32 = 1.25;
+/// Where at least so many things that may lie in a pose, and this share of them, looked as much like another pose before the frame's own
+/// light was known, or this share lies as well the other way round, the light does not tell these apart: what it seems to tell of
+/// the rest is chance. Set by hand: in path-traced frames in which parts were taken for others the shares were 0.2 to 0.6 and 0.5 and
+/// more, in all of the grommets, coins and nuts 0 and, but for two, below 0.3.
+const ALIKE_COUNT_MIN: usize = 2;
+const ALIKE_POSES_RATIO_MIN: f64 = 0.2;
+const ALIKE_YAWS_RATIO_MIN: f64 = 0.5;
 /// A part must fit worse at another yaw by this share of what its template says: half way between 0 for what looks the same at
 /// both and what blunt edges leave of 1.
 const YAW_LEAD_SHARE_MIN: f32 = 0.3;
@@ -93,11 +100,12 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
     let m_per_px = detector.camera.m_per_px(detector.tray.plateau_height_m());
     let mut candidates = Vec::with_capacity(found.len());
     let mut lying = Vec::with_capacity(found.len());
+    let alike = looks_alike(detector, config, found);
     for part in found {
         let (centre, yaw_rad) = (part.fit.centre, part.fit.yaw_rad);
         let outline = detector.outline(part.pose, centre, yaw_rad);
         let Some(wall_gap_m) = wall_gap_m(&outline, &detector.tray, m_per_px) else { continue };
-        let (pose, confidence) = recognise(detector, part, config);
+        let (pose, confidence) = if alike[part.pose] { (None, 0.0) } else { recognise(detector, part, config) };
         let turns = detector.sought[part.pose].template.yaw_symmetry != 0;
         candidates.push(Candidate {
             x_m: centre.x,
@@ -119,7 +127,7 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
     for (index, candidate) in candidates.iter_mut().enumerate() {
         candidate.part_gap_m = room.gap_m(index);
     }
-    let health = health(detector, view, config, found, &candidates, &room);
+    let health = health(detector, view, config, (found, &alike), &candidates, &room);
     Judgement { candidates, room, health }
 }
 
@@ -145,12 +153,13 @@ fn health(
     detector: &Detector,
     view: &View,
     config: &SelectorConfig,
-    found: &[Found],
+    (found, alike): (&[Found], &[bool]),
     candidates: &[Candidate],
     room: &Room,
 ) -> FrameHealth {
     let Room { own_px, foreign_px, .. } = *room;
-    let recognised: Vec<&Found> = found.iter().filter(|part| is_recognised(detector, part, config)).collect();
+    let is_sure = |part: &&Found| !alike[part.pose] && is_recognised(detector, part, config);
+    let recognised: Vec<&Found> = found.iter().filter(is_sure).collect();
     let part_px: usize = found.iter().map(|part| part.px).sum();
     let recognised_px: usize = recognised.iter().map(|part| part.px).sum();
     let (plateau_ratio, hub_ratio) = detector.light_ratios().unwrap_or((1.0, None));
@@ -174,6 +183,7 @@ fn health(
         recognised: recognised.len(),
         miss_ratio: miss_ratio(detector, &recognised),
         beset_ratio: beset_ratio(candidates, room, config.part_clearance_m),
+        looks_alike: alike.contains(&true),
     }
 }
 
@@ -207,11 +217,32 @@ fn in_view_ratio(detector: &Detector) -> f64 {
     (seen_m2 / area_m2).min(1.0)
 }
 
+/// For each pose, whether the light of the frame leaves it looking like another one, or the same the other way round.
+pub(super) fn looks_alike(detector: &Detector, config: &SelectorConfig, found: &[Found]) -> Vec<bool> {
+    let lead_min = single(config.evidence_lead_min);
+    let many = |untold: usize, count: usize, ratio_min: f64| {
+        untold >= ALIKE_COUNT_MIN && untold as f64 >= ratio_min * count as f64
+    };
+    let is_alike = |pose: usize| {
+        let is = |part: &&Found| part.pose == pose;
+        let may_be = |part: &&Found| is(part) || part.rival.is_some_and(|(rival, _)| rival == pose);
+        let count = |counts: &dyn Fn(&&Found) -> bool| found.iter().filter(counts).count();
+        let poses_untold = count(&|part| may_be(part) && part.first_lead < lead_min);
+        let yaws_untold = count(&|part| is(part) && !yaw_shows(part));
+        many(poses_untold, count(&may_be), ALIKE_POSES_RATIO_MIN) || many(yaws_untold, count(&is), ALIKE_YAWS_RATIO_MIN)
+    };
+    (0..detector.sought.len()).map(|pose| detector.light == Light::Any && is_alike(pose)).collect()
+}
+
+/// Whether a part fits worse the other way round, and at any other yaw.
+fn yaw_shows(part: &Found) -> bool {
+    [part.turned, part.yaw_lead].into_iter().flatten().all(|share| share >= YAW_LEAD_SHARE_MIN)
+}
+
 /// Whether a part looks as taught, in size too, and like nothing else.
 pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &SelectorConfig) -> bool {
     let miss_max = detector.sought[part.pose].miss_max();
-    let yaw_shows = [part.turned, part.yaw_lead].into_iter().flatten().all(|share| share >= YAW_LEAD_SHARE_MIN);
-    if part.fit.cost > miss_max || !yaw_shows {
+    if part.fit.cost > miss_max || !yaw_shows(part) {
         return false;
     }
     if detector.light == Light::Taught {

@@ -66,6 +66,8 @@ pub struct FrameHealth {
     pub miss_ratio: f64,
     /// Share of the parts recognised to which something that belongs to no part leaves too little room; 0 where too few lie to tell.
     pub beset_ratio: f64,
+    /// Whether two poses of the part, or two yaws, look alike in this light: then nothing is recognised in them.
+    pub looks_alike: bool,
     /// Parts recognised.
     pub recognised: usize,
 }
@@ -75,6 +77,8 @@ pub struct FrameHealth {
 pub enum HealthCause {
     /// Much lies on the plateau, and next to nothing of it is known.
     NothingRecognised,
+    /// Two poses of the part, or two yaws, look alike in this light.
+    LooksAlike,
     /// The light is another than the one taught.
     LightDiffers,
     /// The image is over- or under-exposed.
@@ -89,6 +93,9 @@ impl fmt::Display for HealthCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::NothingRecognised => "much of the plateau is covered or shaded, and nothing there is recognised",
+            Self::LooksAlike => {
+                "the part looks alike in two poses or yaws, and is not recognised in them: teach it in this light"
+            }
             Self::LightDiffers => "the light differs from the one taught",
             Self::Clipped => "the image is wrongly exposed: part of the plateau is quite black or quite white",
             Self::Blurred => "parts are blurred: the lens is out of focus",
@@ -113,6 +120,7 @@ impl FrameHealth {
         let blind = self.shows(HealthCause::NothingRecognised) && unexplained;
         [
             (HealthCause::NothingRecognised, blind),
+            (HealthCause::LooksAlike, self.looks_alike),
             (HealthCause::Clipped, self.clipped_ratio > CLIPPED_MAX),
             (HealthCause::LightDiffers, self.light_differs()),
             (HealthCause::Blurred, beyond(self.blur_excess_px2, BLUR_EXCESS_MAX_PX2)),
@@ -149,7 +157,7 @@ impl FrameHealth {
         match cause {
             HealthCause::NothingRecognised => self.in_view_ratio >= IN_VIEW_MIN,
             HealthCause::LightDiffers => self.light_change_ratio.is_some(),
-            HealthCause::Clipped | HealthCause::Blurred | HealthCause::SizeDiffers => true,
+            HealthCause::LooksAlike | HealthCause::Clipped | HealthCause::Blurred | HealthCause::SizeDiffers => true,
         }
     }
 
@@ -203,6 +211,7 @@ mod tests {
             clipped_ratio: 0.0,
             blur_excess_px2: Some(0.0),
             size_excess_ratio: Some(0.0),
+            looks_alike: false,
             recognised: 9,
             miss_ratio: 0.2,
             beset_ratio: 0.1,
@@ -222,6 +231,7 @@ mod tests {
         let elsewhere = FrameHealth { light_change_ratio: None, ..sound() };
         assert_eq!(FrameHealth { hub_ratio: Some(1.2), ..elsewhere }.causes(), []);
         assert_eq!(FrameHealth { blur_excess_px2: Some(1.0), ..sound() }.causes(), [HealthCause::Blurred]);
+        assert_eq!(FrameHealth { looks_alike: true, ..sound() }.causes(), [HealthCause::LooksAlike]);
         assert_eq!(FrameHealth { size_excess_ratio: Some(-0.07), ..sound() }.causes(), [HealthCause::SizeDiffers]);
         assert!(FrameHealth { explained_ratio: 0.1, ..sound() }.is_blind() && !sound().is_blind());
     }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::align::Fit;
-use crate::candidate::is_recognised;
+use crate::candidate::{is_recognised, judge, looks_alike};
 use crate::detector::{Detector, Found, belief_of_light};
 use crate::modes::{Belief, Light, MODES, OTHER_LIGHTS, WHOLE_LIGHTS};
 use crate::template::Aspect;
@@ -229,6 +229,53 @@ fn what_is_seen_much_darker_than_the_part_is_none_and_what_looked_as_much_like_a
     assert!(!recognised(0.45, 1.0), "a shadow");
     let least = feeder_model::camera::single(config.evidence_lead_min);
     assert!(recognised(0.0, 1.1 * least) && !recognised(0.0, 0.9 * least), "before the light was known");
+}
+
+/// Of ten things that may lie in either of two poses, so many were led by next to nothing, and so many lie as well the other way round.
+#[test]
+fn where_light_leaves_two_poses_or_yaws_looking_alike_for_some_none_is_sure_of_them() {
+    let scene = scene(&GROMMET, 2.0);
+    let fit = Fit { centre: Point2::new(0.0, -0.06), yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts: [0.0; MODES] };
+    let alike = |light: Light, untold: usize, turned: usize, rivals: usize| {
+        let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, light);
+        let thing = |index: usize| Found {
+            first_lead: if index < untold { 0.1 } else { 0.5 },
+            turned: (index < turned).then_some(0.2),
+            rival: (index < rivals).then_some((1, fit)),
+            ..Found::new(0, fit)
+        };
+        let found: Vec<Found> = (0..10).map(thing).collect();
+        looks_alike(&detector, &SelectorConfig::default(), &found)
+    };
+    assert_eq!(alike(Light::Any, 1, 0, 10), [false, false], "one is no rule");
+    assert_eq!(alike(Light::Any, 2, 0, 10), [true, true]);
+    assert_eq!(alike(Light::Any, 2, 0, 1), [true, false], "only one of them may lie in the other pose");
+    assert_eq!(alike(Light::Any, 0, 4, 0), [false, false], "most show which way round they lie");
+    assert_eq!(alike(Light::Any, 0, 5, 0), [true, false]);
+    assert_eq!(alike(Light::Taught, 10, 10, 10), [false, false], "in the light taught each part tells for itself");
+}
+
+#[test]
+fn what_looks_alike_in_two_poses_is_recognised_in_neither_and_that_is_told() {
+    let scene = scene(&GROMMET, 2.0);
+    let config = SelectorConfig::default();
+    let mut detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
+    detector.look(&simple_picture(&[]), &over_camera(), config.contrast_min_levels).unwrap();
+    let evidence_per_texel = 1.1 * detector.sought[0].template.evidence_min;
+    let judged = |untold: usize| {
+        let thing = |index: usize| {
+            let centre = at(0.06, 3.4 + 0.25 * index as f64, 0).place;
+            let fit = Fit { centre, yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts: [0.0; MODES] };
+            let first_lead = if index < untold { 0.1 } else { 0.5 };
+            Found { first_lead, evidence_per_texel, ..Found::new(0, fit) }
+        };
+        let found: Vec<Found> = (0..10).map(thing).collect();
+        let judgement = judge(&detector, &detector.view(&over_camera()), &config, &found);
+        let sure = judgement.candidates.iter().filter(|candidate| candidate.pose.is_some()).count();
+        (sure, judgement.health.recognised, judgement.health.causes().contains(&HealthCause::LooksAlike))
+    };
+    assert_eq!(judged(1), (9, 9, false));
+    assert_eq!(judged(2), (0, 0, true));
 }
 
 /// A white part lights the floor beside it; few parts in a frame cannot tell that all of them do.
