@@ -250,7 +250,7 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
     }
     let lead_min = single(config.evidence_lead_min);
     let led_in_frame = part.lead_ratio.map_or(part.lead >= lead_min, |ratio| ratio >= LEAD_RATIO_MIN);
-    let led = part.first_lead >= lead_min && led_in_frame;
+    let led = part.first_lead >= lead_min && led_in_frame && part.beside_lead >= lead_min;
     let amounts = &part.fit.amounts;
     let size_off_max = if part.evidence_ratio.is_some() { SIZE_OFF_IN_COMPANY_MAX } else { SIZE_OFF_MAX };
     let like = part.unlike <= UNLIKE_MAX && size_off(amounts) <= size_off_max && darker(amounts) <= DARKER_MAX;

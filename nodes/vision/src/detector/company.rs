@@ -1,6 +1,6 @@
 //! Parts are fitted again by what the parts of a frame have in common: their light, and what their templates do not tell.
 
-use nalgebra::Point2;
+use nalgebra::{Point2, Rotation2, Vector2};
 
 use super::super::align::{Fineness, Fit, Owners, refine, residuals, yaw_lead_share};
 use super::super::modes::{self, Amounts, Belief, Light, MODES};
@@ -19,6 +19,9 @@ pub(in super::super) const ALIKE_MIN: usize = 4;
 const ADAPTED_MIN: usize = 6;
 /// A rival explanation that is led by less than this, per texel, is as good.
 const LEAD_MIN: f32 = 0.05;
+/// A part is looked for so far beside where it was found, px, and is another if it stays farther than that from there.
+const BESIDE_PX: f64 = 3.0;
+const SAME_PLACE_PX: f64 = 1.0;
 /// What parts under one light differ by among each other at least, in spreads of the modes; and a part alone from the one taught,
 /// beside which the floor may be as bright as it likes: a white part lights it.
 const PART_SPREADS: Amounts = [0.3, 0.2, 0.4, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 1.0, 0.5];
@@ -124,6 +127,7 @@ impl Detector {
                     let led = |rival: Fit| sought.per_texel(fit.evidence - rival.evidence);
                     part.lead = rival.map_or(part.first_lead, led);
                 }
+                part.beside_lead = self.lead_beside(view, part.pose, &fit, &owners, belief);
                 part.evidence_ratio = (belief.evidence > 0.0).then(|| fit.evidence / belief.evidence);
                 let unlike = |mode: usize| ((fit.amounts[mode] - belief.middle[mode]) / belief.spread[mode]).abs();
                 part.unlike = (0..modes::OTHER_LIGHTS.start).chain([modes::SCALE]).map(unlike).fold(0.0, f32::max);
@@ -145,6 +149,25 @@ impl Detector {
                 part.lead_ratio = Some(part.lead / usual);
             }
         }
+    }
+
+    /// By how much, per texel, a fit leads those of the same pose that begin a little beside it and stay there: where a sloping side is as
+    /// bright as the top, either may be what is seen.
+    fn lead_beside(&self, view: &View, pose: usize, fit: &Fit, owners: &Owners, belief: &Belief) -> f32 {
+        let sought = &self.sought[pose];
+        let led = |(x, y): (f64, f64)| {
+            let aside_m = Vector2::new(x, y) * BESIDE_PX * sought.m_per_px;
+            let mut other = Fit { centre: fit.centre + Rotation2::new(fit.yaw_rad) * aside_m, ..*fit };
+            for fineness in [Fineness::Rough, Fineness::Full] {
+                other = refine(&self.segmentation, view, sought, other, owners, belief, fineness)?;
+                if (other.centre - fit.centre).norm() <= SAME_PLACE_PX * sought.m_per_px {
+                    return None;
+                }
+            }
+            Some(sought.per_texel(fit.evidence - other.evidence))
+        };
+        let asides = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)];
+        asides.into_iter().filter_map(led).fold(f32::INFINITY, f32::min)
     }
 
     /// Looks at a part that was fitted so at other yaws: turned by half a period, and at the likeliest rival.

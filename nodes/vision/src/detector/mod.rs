@@ -48,6 +48,8 @@ pub(super) struct Found {
     /// The strongest explanation by the same pose at another yaw, and by how much that is led, as it is for `turned`.
     pub yaw_rival: Option<Fit>,
     pub yaw_lead: Option<f32>,
+    /// By how much, as for `lead`, the evidence is stronger than that for the same pose a little beside, where the light is not that taught.
+    pub beside_lead: f32,
     /// The strongest explanation by another pose.
     pub rival: Option<(usize, Fit)>,
     /// Mean square miss before what the frame shows of others was known.
@@ -74,6 +76,7 @@ impl Found {
             turned: None,
             yaw_lead: None,
             yaw_rival: None,
+            beside_lead: f32::INFINITY,
             rival: None,
             first_cost: fit.cost,
             first_lead: f32::INFINITY,

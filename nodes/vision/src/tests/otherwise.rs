@@ -216,19 +216,43 @@ fn what_is_seen_much_darker_than_the_part_is_none_and_what_looked_as_much_like_a
     let scene = scene(&GROMMET, 2.0);
     let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
     let config = SelectorConfig::default();
-    let recognised = |darker: f32, first_lead: f32| {
+    let recognised = |darker: f32, first_lead: f32, beside_lead: f32| {
         let mut amounts = [0.0; MODES];
         // A unit of the first mode is a quarter of the part's brightness.
         amounts[0] = -darker / 0.25;
         let fit = Fit { centre: Point2::new(0.0, -0.06), yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts };
         let evidence_per_texel = 1.1 * detector.sought[0].template.evidence_min;
-        let found = Found { first_lead, evidence_per_texel, ..Found::new(0, fit) };
+        let found = Found { first_lead, beside_lead, evidence_per_texel, ..Found::new(0, fit) };
         is_recognised(&detector, &found, &config)
     };
-    assert!(recognised(0.3, 1.0) && recognised(-0.5, 1.0), "of another colour");
-    assert!(!recognised(0.45, 1.0), "a shadow");
+    assert!(recognised(0.3, 1.0, 1.0) && recognised(-0.5, 1.0, 1.0), "of another colour");
+    assert!(!recognised(0.45, 1.0, 1.0), "a shadow");
     let least = feeder_model::camera::single(config.evidence_lead_min);
-    assert!(recognised(0.0, 1.1 * least) && !recognised(0.0, 0.9 * least), "before the light was known");
+    let (more, less) = (1.1 * least, 0.9 * least);
+    assert!(recognised(0.0, more, 1.0) && !recognised(0.0, less, 1.0), "before the light was known");
+    assert!(recognised(0.0, 1.0, more) && !recognised(0.0, 1.0, less), "a little beside");
+}
+
+/// Two pictures of a grommet, one a little beside the other, laid over each other: it may lie in either place.
+#[test]
+fn a_thing_that_may_as_well_lie_a_little_beside_leads_that_by_nothing() {
+    let scene = scene(&GROMMET, 2.0);
+    let config = SelectorConfig::default();
+    let mut detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
+    let mut lead = |aside_px: f64| {
+        let here = at(0.06, 4.7, 0);
+        let aside_m = Vector2::new(aside_px * scene.camera.m_per_px(scene.tray.plateau_height_m()), 0.0);
+        let mut image = simple_picture(&[here]);
+        let beside = simple_picture(&[LaidPart { place: here.place + aside_m, ..here }]);
+        for (pixel, other) in image.iter_mut().zip(beside.iter()) {
+            *pixel = (*pixel).min(*other);
+        }
+        let found = detector.find(&image, &over_camera(), config.contrast_min_levels, f32::MAX).unwrap();
+        found.iter().map(|part| part.beside_lead).fold(f32::INFINITY, f32::min)
+    };
+    let least = feeder_model::camera::single(config.evidence_lead_min);
+    assert!(lead(0.0) > 5.0 * least, "{}", lead(0.0));
+    assert!(lead(5.0) < least, "{}", lead(5.0));
 }
 
 /// Of ten things that may lie in either of two poses, so many were led by next to nothing, and so many lie as well the other way round.
