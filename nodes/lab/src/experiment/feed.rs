@@ -9,7 +9,7 @@ use feeder_model::mechanics::annular::{AnnularTrack, PartState};
 use feeder_model::motion::MotionSample;
 use feeder_model::tray::TrayGeometry;
 use feeder_model::waveform::{Axis, Waveform};
-use feeder_scenario::{DesignBasis, Scenario, SimulatedCourier, SimulatedDriver};
+use feeder_scenario::{Scenario, SimulatedCourier, SimulatedDriver};
 
 /// Coefficient of friction of the parts.
 const FRICTION: f64 = 0.2;
@@ -58,16 +58,12 @@ impl FeedTrial {
         Self::of(Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 9.0 * mu_g, 66.7 * mu_g).expect("in range"), period_s)
     }
 
-    /// The trial of the same tray and parts with the waveform of the built-in scenario, designed for the friction of these
-    /// parts.
+    /// The trial of the same tray and parts with the waveform that the built-in scenario runs: designed for the least friction that is
+    /// believed possible, not for that of these parts.
     #[must_use]
     #[expect(clippy::expect_used, reason = "the values are in range")]
     pub fn built_in(period_s: f64) -> Self {
-        let scenario = Scenario::default();
-        let part = scenario.part_type().expect("it comes with the feeder");
-        let basis = DesignBasis { part_friction_min: FRICTION, ..scenario.design_basis(&part) };
-        let waveform = scenario.waveform.design(&basis);
-        Self::of(waveform.expect("in range"), period_s)
+        Self::of(Scenario::default().waveform().expect("in range"), period_s)
     }
 
     #[expect(clippy::expect_used, reason = "the paper's values are in range")]
