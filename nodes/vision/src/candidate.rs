@@ -35,7 +35,7 @@ const ALONE_COST_MAX: f32 = 1.25;
 /// Where at least so many things that may lie in a pose, and this share of them, looked as much like another pose before the frame's own
 /// light was known, or this share lies as well the other way round, the light does not tell these apart: what it seems to tell of
 /// the rest is chance. Set by hand: in path-traced frames in which parts were taken for others the shares were 0.2 to 0.6 and 0.5 and
-/// more, in all of the grommets, coins and nuts 0 and, but for two, below 0.3.
+/// more, in those of grommets, coins and nuts 0 and, but for four, below 0.3.
 const ALIKE_COUNT_MIN: usize = 2;
 const ALIKE_POSES_RATIO_MIN: f64 = 0.2;
 const ALIKE_YAWS_RATIO_MIN: f64 = 0.5;
