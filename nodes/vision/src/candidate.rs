@@ -100,19 +100,19 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
     let m_per_px = detector.camera.m_per_px(detector.tray.plateau_height_m());
     let mut candidates = Vec::with_capacity(found.len());
     let mut lying = Vec::with_capacity(found.len());
-    let alike = looks_alike(detector, config, found);
-    for part in found {
+    let recognition = Recognition::new(detector, config, found);
+    for (part, is_known) in found.iter().zip(&recognition.known) {
         let (centre, yaw_rad) = (part.fit.centre, part.fit.yaw_rad);
         let outline = detector.outline(part.pose, centre, yaw_rad);
         let Some(wall_gap_m) = wall_gap_m(&outline, &detector.tray, m_per_px) else { continue };
-        let (pose, confidence) = if alike[part.pose] { (None, 0.0) } else { recognise(detector, part, config) };
+        let confidence = if *is_known { confidence(detector, part, config) } else { 0.0 };
         let turns = detector.sought[part.pose].template.yaw_symmetry != 0;
         candidates.push(Candidate {
             x_m: centre.x,
             y_m: centre.y,
             yaw_rad: turns.then_some(yaw_rad),
             likeness: part.pose,
-            pose,
+            pose: is_known.then_some(part.pose),
             confidence,
             part_gap_m: f64::INFINITY,
             wall_gap_m,
@@ -127,7 +127,7 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
     for (index, candidate) in candidates.iter_mut().enumerate() {
         candidate.part_gap_m = room.gap_m(index);
     }
-    let health = health(detector, view, config, (found, &alike), &candidates, &room);
+    let health = health(detector, view, config, (found, &recognition), &candidates, &room);
     Judgement { candidates, room, health }
 }
 
@@ -153,13 +153,13 @@ fn health(
     detector: &Detector,
     view: &View,
     config: &SelectorConfig,
-    (found, alike): (&[Found], &[bool]),
+    (found, recognition): (&[Found], &Recognition),
     candidates: &[Candidate],
     room: &Room,
 ) -> FrameHealth {
     let Room { own_px, foreign_px, .. } = *room;
-    let is_sure = |part: &&Found| !alike[part.pose] && is_recognised(detector, part, config);
-    let recognised: Vec<&Found> = found.iter().filter(is_sure).collect();
+    let known = found.iter().zip(&recognition.known);
+    let recognised: Vec<&Found> = known.filter_map(|(part, is_known)| is_known.then_some(part)).collect();
     let part_px: usize = found.iter().map(|part| part.px).sum();
     let recognised_px: usize = recognised.iter().map(|part| part.px).sum();
     let (plateau_ratio, hub_ratio) = detector.light_ratios().unwrap_or((1.0, None));
@@ -183,7 +183,7 @@ fn health(
         recognised: recognised.len(),
         miss_ratio: miss_ratio(detector, &recognised),
         beset_ratio: beset_ratio(candidates, room, config.part_clearance_m),
-        looks_alike: alike.contains(&true),
+        looks_alike: recognition.looks_alike,
     }
 }
 
@@ -217,21 +217,40 @@ fn in_view_ratio(detector: &Detector) -> f64 {
     (seen_m2 / area_m2).min(1.0)
 }
 
+/// What of the things found is recognised.
+struct Recognition {
+    /// For each thing.
+    known: Vec<bool>,
+    /// Whether the frame's light leaves the part looking alike in two poses or yaws.
+    looks_alike: bool,
+}
+
+impl Recognition {
+    fn new(detector: &Detector, config: &SelectorConfig, found: &[Found]) -> Self {
+        let alike = looks_alike(detector, config, found);
+        let is_known = |part: &Found| !alike[part.pose] && is_recognised(detector, part, config);
+        Self { known: found.iter().map(is_known).collect(), looks_alike: alike.contains(&true) }
+    }
+}
+
 /// For each pose, whether the light of the frame leaves it looking like another one, or the same the other way round.
 pub(super) fn looks_alike(detector: &Detector, config: &SelectorConfig, found: &[Found]) -> Vec<bool> {
     let lead_min = single(config.evidence_lead_min);
-    let many = |untold: usize, count: usize, ratio_min: f64| {
-        untold >= ALIKE_COUNT_MIN && untold as f64 >= ratio_min * count as f64
-    };
     let is_alike = |pose: usize| {
         let is = |part: &&Found| part.pose == pose;
         let may_be = |part: &&Found| is(part) || part.rival.is_some_and(|(rival, _)| rival == pose);
-        let count = |counts: &dyn Fn(&&Found) -> bool| found.iter().filter(counts).count();
-        let poses_untold = count(&|part| may_be(part) && part.first_lead < lead_min);
-        let yaws_untold = count(&|part| is(part) && !yaw_shows(part));
-        many(poses_untold, count(&may_be), ALIKE_POSES_RATIO_MIN) || many(yaws_untold, count(&is), ALIKE_YAWS_RATIO_MIN)
+        let poses = found.iter().filter(may_be).map(|part| part.first_lead < lead_min);
+        let yaws = found.iter().filter(is).map(|part| !yaw_shows(part));
+        many(poses, ALIKE_POSES_RATIO_MIN) || many(yaws, ALIKE_YAWS_RATIO_MIN)
     };
     (0..detector.sought.len()).map(|pose| detector.light == Light::Any && is_alike(pose)).collect()
+}
+
+/// Whether of things that each may be untold at least [`ALIKE_COUNT_MIN`] are, and this share.
+fn many(untold: impl Iterator<Item = bool>, ratio_min: f64) -> bool {
+    let untold: Vec<bool> = untold.collect();
+    let count = untold.iter().filter(|untold| **untold).count();
+    count >= ALIKE_COUNT_MIN && count as f64 >= ratio_min * untold.len() as f64
 }
 
 /// Whether a part fits worse the other way round, and at any other yaw.
@@ -261,18 +280,15 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
     led && like && strong && part.first_cost <= ALONE_COST_MAX
 }
 
-/// The pose, and how sure it is: from one half at the least accepted to 1, with the match and with the lead over other
+/// How sure the pose of a recognised part is: from one half at the least accepted to 1, with the match and with the lead over other
 /// explanations.
-fn recognise(detector: &Detector, part: &Found, config: &SelectorConfig) -> (Option<usize>, f64) {
+fn confidence(detector: &Detector, part: &Found, config: &SelectorConfig) -> f64 {
     let lead_min = single(config.evidence_lead_min);
     let miss_max = detector.sought[part.pose].miss_max();
-    if !is_recognised(detector, part, config) {
-        return (None, 0.0);
-    }
     let matched = (miss_max - part.fit.cost) / (0.5 * miss_max);
     let led =
         part.lead_ratio.map_or((part.lead - lead_min) / lead_min, |ratio| (ratio - LEAD_RATIO_MIN) / LEAD_RATIO_SURE);
-    (Some(part.pose), f64::from(0.5 + 0.5 * matched.min(led).clamp(0.0, 1.0)))
+    f64::from(0.5 + 0.5 * matched.min(led).clamp(0.0, 1.0))
 }
 
 #[cfg(test)]
