@@ -24,8 +24,10 @@ const SIZE_OFF_IN_COMPANY_MAX: f32 = 0.08;
 /// What is seen darker than the part by more than this, relative, is no part: light falls on part and floor alike, so that it would be of
 /// another material. Shadows that were taken for parts were seen 0.5 darker or more, parts 0.3 at most.
 const DARKER_MAX: f32 = 0.4;
-/// A part that differs from others of its pose in the frame by more than this, in spreads from part to part, is none of them.
+/// A part that differs from others of its pose in the frame by more than this, in spreads from part to part, is none of them; and one
+/// alone from the part taught, as where it gleams or is of a lighter batch. Foreign things alone were kept out by other evidence.
 const UNLIKE_MAX: f32 = 1.9;
+const UNLIKE_ALONE_MAX: f32 = 3.8;
 /// Share of the others' lead over other explanations that a part must have to be one of them, and by how much more it is sure.
 const LEAD_RATIO_MIN: f32 = 0.4;
 const LEAD_RATIO_SURE: f32 = 0.25;
@@ -46,7 +48,7 @@ const YAW_LEAD_SHARE_MIN: f32 = 0.3;
 /// Where a template leaves no more than this share of a part's contrast with bare floor unexplained, it need not stand out as it
 /// did when taught: a correlation of 0.95. The look-alikes under gleaming light that were seen leave 0.15 and more.
 const UNEXPLAINED_RATIO_MAX: f32 = 0.1;
-/// It must stand out as much as this, of what the middle one of its like in the frame does: light lets all stand out less. Seen of
+/// It must stand out as much as this, of what the middle one of its like in the frame does, if there is one: light lets all stand out less. Seen of
 /// parts 0.9 to 1.15, and of a washer among nuts 0.5.
 const AS_OTHERS_RATIO: f32 = 0.7;
 
@@ -93,6 +95,8 @@ pub(super) struct Judgement {
     /// The room round them.
     pub room: Room,
     pub health: FrameHealth,
+    /// For each pose, whether the light of the frame leaves it looking like another one, or the same the other way round.
+    pub alike: Vec<bool>,
 }
 
 /// Judges what was found: what pose it is in, whether it lies on the plateau, and what room it has.
@@ -128,7 +132,7 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
         candidate.part_gap_m = room.gap_m(index);
     }
     let health = health(detector, view, config, (found, &recognition), &candidates, &room);
-    Judgement { candidates, room, health }
+    Judgement { candidates, room, health, alike: recognition.alike }
 }
 
 /// Free gap from an outline to the nearer wall, m; nothing for one farther in a wall than is measured wrongly: a part cannot lie
@@ -183,7 +187,7 @@ fn health(
         recognised: recognised.len(),
         miss_ratio: miss_ratio(detector, &recognised),
         beset_ratio: beset_ratio(candidates, room, config.part_clearance_m),
-        looks_alike: recognition.looks_alike,
+        looks_alike: recognition.alike.contains(&true),
     }
 }
 
@@ -221,19 +225,19 @@ fn in_view_ratio(detector: &Detector) -> f64 {
 struct Recognition {
     /// For each thing.
     known: Vec<bool>,
-    /// Whether the frame's light leaves the part looking alike in two poses or yaws.
-    looks_alike: bool,
+    /// See [`Judgement::alike`].
+    alike: Vec<bool>,
 }
 
 impl Recognition {
     fn new(detector: &Detector, config: &SelectorConfig, found: &[Found]) -> Self {
         let alike = looks_alike(detector, config, found);
         let is_known = |part: &Found| !alike[part.pose] && is_recognised(detector, part, config);
-        Self { known: found.iter().map(is_known).collect(), looks_alike: alike.contains(&true) }
+        Self { known: found.iter().map(is_known).collect(), alike }
     }
 }
 
-/// For each pose, whether the light of the frame leaves it looking like another one, or the same the other way round.
+/// See [`Judgement::alike`].
 pub(super) fn looks_alike(detector: &Detector, config: &SelectorConfig, found: &[Found]) -> Vec<bool> {
     let lead_min = single(config.evidence_lead_min);
     let is_alike = |pose: usize| {
@@ -271,11 +275,14 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
     let led_in_frame = part.lead_ratio.map_or(part.lead >= lead_min, |ratio| ratio >= LEAD_RATIO_MIN);
     let led = part.first_lead >= lead_min && led_in_frame && part.beside_lead >= lead_min;
     let amounts = &part.fit.amounts;
-    let size_off_max = if part.evidence_ratio.is_some() { SIZE_OFF_IN_COMPANY_MAX } else { SIZE_OFF_MAX };
-    let like = part.unlike <= UNLIKE_MAX && size_off(amounts) <= size_off_max && darker(amounts) <= DARKER_MAX;
+    let (unlike_max, size_off_max) = match part.evidence_ratio {
+        Some(_) => (UNLIKE_MAX, SIZE_OFF_IN_COMPANY_MAX),
+        None => (UNLIKE_ALONE_MAX, SIZE_OFF_MAX),
+    };
+    let like = part.unlike <= unlike_max && size_off(amounts) <= size_off_max && darker(amounts) <= DARKER_MAX;
     let (miss, evidence) = (part.fit.cost, part.evidence_per_texel);
     let correlates = miss <= UNEXPLAINED_RATIO_MAX * (miss + 2.0 * evidence);
-    let as_others = part.evidence_ratio.is_some_and(|ratio| ratio >= AS_OTHERS_RATIO);
+    let as_others = part.evidence_ratio.is_none_or(|ratio| ratio >= AS_OTHERS_RATIO);
     let strong = evidence >= detector.sought[part.pose].template.evidence_min || as_others && correlates;
     led && like && strong && part.first_cost <= ALONE_COST_MAX
 }

@@ -135,9 +135,14 @@ impl FrameHealth {
     #[must_use]
     pub(super) fn is_as_taught(&self) -> bool {
         self.explained_ratio >= EXPLAINED_AS_TAUGHT_MIN
-            && self.miss_ratio <= MISS_AS_TAUGHT_MAX
             && self.beset_ratio <= BESET_AS_TAUGHT_MAX
-            && !self.light_differs()
+            && self.parts_look_as_taught()
+    }
+
+    /// Whether the parts recognised look as taught, whatever else lies there, and light falls as it did.
+    #[must_use]
+    pub(super) fn parts_look_as_taught(&self) -> bool {
+        self.miss_ratio <= MISS_AS_TAUGHT_MAX && !self.light_differs()
     }
 
     /// Whether the light is another than the one taught, as far as that shows.

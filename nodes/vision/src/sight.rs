@@ -68,7 +68,12 @@ impl Sight {
             }
             return (any.candidates, any.health);
         }
+        // What the light leaves looking alike is told apart by a picture that it does not show as taught only by chance.
+        let alike = if taught.health.parts_look_as_taught() { vec![false; any.alike.len()] } else { any.alike };
         for candidate in &mut taught.candidates {
+            if alike[candidate.likeness] {
+                (candidate.pose, candidate.confidence) = (None, 0.0);
+            }
             for (other, part_gap_m) in any.candidates.iter().zip(&any.room.part_gaps_m) {
                 if self.contradicts(candidate, other, config) {
                     (candidate.pose, candidate.confidence) = (None, 0.0);
@@ -80,7 +85,8 @@ impl Sight {
         }
         // In the light taught neither blur nor size is fitted.
         let FrameHealth { blur_excess_px2, size_excess_ratio, .. } = any.health;
-        (taught.candidates, FrameHealth { blur_excess_px2, size_excess_ratio, ..taught.health })
+        let looks_alike = alike.contains(&true);
+        (taught.candidates, FrameHealth { blur_excess_px2, size_excess_ratio, looks_alike, ..taught.health })
     }
 
     /// Gives what one look sees the room that the other sees round the same things, but for the parts that it sees itself: what was

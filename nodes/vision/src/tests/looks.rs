@@ -27,7 +27,8 @@ fn look(explained_ratio: f64, candidate: Candidate, part_gap_m: f64, foreign_gap
     let part_gaps_m = vec![part_gap_m];
     let room = Room { part_gaps_m, foreign_gaps_m: vec![foreign_gap_m], own_px: 0, foreign_px: 0 };
     let candidate = Candidate { part_gap_m: room.gap_m(0), ..candidate };
-    Judgement { candidates: vec![candidate], room, health: FrameHealth { explained_ratio, ..FrameHealth::default() } }
+    let health = FrameHealth { explained_ratio, ..FrameHealth::default() };
+    Judgement { candidates: vec![candidate], room, health, alike: vec![false; 2] }
 }
 
 /// What the looks make of the thing, in light that falls as it did when the part was taught or otherwise.
@@ -108,4 +109,22 @@ fn parts_that_either_look_sees_are_in_the_way_and_shade_that_either_knows_is_not
     assert!(!has_room((clear_m, clear_m), (clear_m, near_m), false));
     assert!(!has_room((clear_m, clear_m), (near_m, clear_m), true));
     assert!(!has_room((near_m, clear_m), (clear_m, near_m), true));
+}
+
+/// A light that leaves two poses looking alike leaves little unexplained when all of them are taken for one.
+#[test]
+fn what_looks_alike_in_any_light_is_not_sure_either_as_taught_unless_parts_look_as_they_did() {
+    let alike = |pose: usize, miss_ratio: f64, light_change_ratio: f64| {
+        let taught = look(0.95, SEEN, 0.01, 0.01);
+        let health = FrameHealth { miss_ratio, light_change_ratio: Some(light_change_ratio), ..taught.health };
+        let any = look(0.0, Candidate { pose: None, confidence: 0.0, ..SEEN }, 0.01, 0.01);
+        let alike = vec![pose == 0, pose == 1];
+        let (candidates, health) =
+            sight().together(Judgement { health, ..taught }, Judgement { alike, ..any }, &SelectorConfig::default());
+        (candidates[0].pose, health.causes().contains(&HealthCause::LooksAlike))
+    };
+    assert_eq!(alike(0, 0.2, 0.0), (Some(0), false), "foreign things alone made for the second look");
+    assert_eq!(alike(0, 0.5, 0.0), (None, true), "parts look otherwise");
+    assert_eq!(alike(0, 0.2, 0.01), (None, true), "light falls otherwise");
+    assert_eq!(alike(1, 0.5, 0.01), (Some(0), true), "it is the other pose that is not told");
 }

@@ -193,14 +193,15 @@ fn a_part_that_stands_out_less_than_taught_must_do_so_as_its_like_in_the_frame_d
     let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
     let least = detector.sought[0].template.evidence_min;
     let fit = Fit { centre: Point2::new(0.0, -0.06), yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts: [0.0; MODES] };
-    let recognised = |evidence_ratio: Option<f32>, evidence: f32| {
-        let evidence_per_texel = evidence * least;
-        let found = Found { evidence_ratio, evidence_per_texel, ..Found::new(0, fit) };
+    let recognised = |evidence_ratio: Option<f32>, evidence: f32, cost: f32| {
+        let mut found = Found { evidence_ratio, evidence_per_texel: evidence * least, ..Found::new(0, fit) };
+        found.fit.cost = cost;
         is_recognised(&detector, &found, &SelectorConfig::default())
     };
-    assert!(recognised(Some(0.95), 0.9), "its like are as dim");
-    assert!(!recognised(Some(0.5), 0.9) && recognised(Some(0.5), 1.1));
-    assert!(!recognised(None, 0.9) && recognised(None, 1.1));
+    assert!(recognised(Some(0.95), 0.9, 0.05), "its like are as dim");
+    assert!(!recognised(Some(0.5), 0.9, 0.05) && recognised(Some(0.5), 1.1, 0.05));
+    assert!(recognised(None, 0.9, 0.05), "alone, its pattern is all there");
+    assert!(!recognised(None, 0.9, 0.5) && recognised(None, 1.1, 0.5), "not all of its pattern");
     let is_thing = |evidence_ratio: Option<f32>, evidence: f32| {
         let mut found = Found { evidence_ratio, ..Found::new(0, fit) };
         found.fit.evidence = evidence;
@@ -231,6 +232,21 @@ fn what_is_seen_much_darker_than_the_part_is_none_and_what_looked_as_much_like_a
     let (more, less) = (1.1 * least, 0.9 * least);
     assert!(recognised(0.0, more, 1.0) && !recognised(0.0, less, 1.0), "before the light was known");
     assert!(recognised(0.0, 1.0, more) && !recognised(0.0, 1.0, less), "a little beside");
+}
+
+/// A fifth lighter than taught: of a lighter batch if it is alone, and another thing among those that are not.
+#[test]
+fn a_part_alone_may_be_seen_further_from_taught_than_one_among_its_like_from_them() {
+    let scene = scene(&GROMMET, 2.0);
+    let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
+    let fit = Fit { centre: Point2::new(0.0, -0.06), yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts: [0.0; MODES] };
+    let recognised = |evidence_ratio: Option<f32>, unlike: f32| {
+        let evidence_per_texel = 1.1 * detector.sought[0].template.evidence_min;
+        let found = Found { evidence_ratio, unlike, evidence_per_texel, ..Found::new(0, fit) };
+        is_recognised(&detector, &found, &SelectorConfig::default())
+    };
+    assert!(recognised(Some(1.0), 1.8) && !recognised(Some(1.0), 2.7));
+    assert!(recognised(None, 2.7) && !recognised(None, 4.0));
 }
 
 /// Two pictures of a grommet, one a little beside the other, laid over each other: it may lie in either place.
