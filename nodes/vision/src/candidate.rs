@@ -48,8 +48,8 @@ const YAW_LEAD_SHARE_MIN: f32 = 0.3;
 /// Where a template leaves no more than this share of a part's contrast with bare floor unexplained, it need not stand out as it
 /// did when taught: a correlation of 0.95. The look-alikes under gleaming light that were seen leave 0.15 and more.
 const UNEXPLAINED_RATIO_MAX: f32 = 0.1;
-/// It must stand out as much as this, of what the middle one of its like in the frame does, if there is one: light lets all stand out less. Seen of
-/// parts 0.9 to 1.15, and of a washer among nuts 0.5.
+/// It must stand out as much as this, of what the middle one of its like in the frame does, if there are such: light lets all stand
+/// out less. Seen of parts 0.9 to 1.15, and of a washer among nuts 0.5.
 const AS_OTHERS_RATIO: f32 = 0.7;
 
 /// A part as one frame shows it, in the tray frame.

@@ -69,9 +69,9 @@ impl Sight {
             return (any.candidates, any.health);
         }
         // What the light leaves looking alike is told apart by a picture that it does not show as taught only by chance.
-        let alike = if taught.health.parts_look_as_taught() { vec![false; any.alike.len()] } else { any.alike };
+        let by_chance = !taught.health.parts_look_as_taught();
         for candidate in &mut taught.candidates {
-            if alike[candidate.likeness] {
+            if by_chance && any.alike[candidate.likeness] {
                 (candidate.pose, candidate.confidence) = (None, 0.0);
             }
             for (other, part_gap_m) in any.candidates.iter().zip(&any.room.part_gaps_m) {
@@ -85,7 +85,7 @@ impl Sight {
         }
         // In the light taught neither blur nor size is fitted.
         let FrameHealth { blur_excess_px2, size_excess_ratio, .. } = any.health;
-        let looks_alike = alike.contains(&true);
+        let looks_alike = by_chance && any.alike.contains(&true);
         (taught.candidates, FrameHealth { blur_excess_px2, size_excess_ratio, looks_alike, ..taught.health })
     }
 
