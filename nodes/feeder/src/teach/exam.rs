@@ -32,6 +32,7 @@ pub(crate) fn tell_doubts(album: &Album, fits: &[FittedClick], poses: &[String],
             ClickDoubt::LooksLike { pose } => format!("it looks more like {}", poses[pose]),
             ClickDoubt::FitsBadly { ratio } => format!("it fits {ratio:.1} times worse than others"),
             ClickDoubt::Twice => "another click means the same part".to_owned(),
+            ClickDoubt::NotAsDrawn => format!("{said} stays as drawn: most of what is labelled so looks otherwise"),
         };
         let line = album.lines[fit.picture][fit.click];
         let place = photo.own_px(click.pixel);

@@ -3,7 +3,7 @@
 //! The folder holds pictures and `truth.json`, a list of objects, one for each picture:
 //!
 //! - `picture`: file, relative to the folder; `part`: a part of the catalogue, or null for the bare plateau; `light`:
-//!   name of the circumstances; `layout`: pictures of the layout `teach` are to learn from. Those not learned from are scored.
+//!   name of the circumstances; `layout`: kind of picture, of which some are to learn from. Those not learned from are scored.
 //! - `parts`: for each part `pose` (index in the part file's order), `x_m`, `y_m`, `yaw_rad` in the tray frame, `gap_m` to the
 //!   nearest thing, and `isolated`: lies as wanted, has room for the gripper, and lies wholly on the plateau.
 //! - `foreign`: whatever else lies there, with `x_m` and `y_m`.
@@ -56,6 +56,9 @@ pub(crate) struct Args {
     /// rendered pictures alone, and is what is scored without this
     #[arg(long = "light", value_name = "LIGHT")]
     lights: Vec<String>,
+    /// Layout of the pictures that teach
+    #[arg(long, default_value = "teach")]
+    layout: String,
     /// Pictures taken to teach at most
     #[arg(long, default_value_t = 6)]
     pictures: usize,
@@ -159,7 +162,7 @@ impl Trial<'_> {
     /// Teaches under a light, and looks at all pictures that were not learned from.
     fn run(&self, light: &str, truths: &[&Truth], random: &mut impl Rng) -> anyhow::Result<()> {
         let Self { scenario, part, args, .. } = self;
-        let to_learn = |truth: &&Truth| truth.layout == "teach" && truth.light == light;
+        let to_learn = |truth: &&Truth| truth.layout == args.layout && truth.light == light;
         let lessons: Vec<&Truth> = truths.iter().copied().filter(to_learn).take(args.pictures).collect();
         let model = if light == RENDERED { self.drawn.clone() } else { self.taught(&lessons, random)? };
         let scene = scenario.scene(part);
@@ -186,7 +189,7 @@ impl Trial<'_> {
     /// What the selector learns from pictures.
     fn taught(&self, lessons: &[&Truth], random: &mut impl Rng) -> anyhow::Result<PartModel> {
         let Self { scenario, part, platen_from_tray, args, .. } = self;
-        anyhow::ensure!(!lessons.is_empty(), "no picture to teach from");
+        anyhow::ensure!(!lessons.is_empty(), "no picture of layout {} to teach from", args.layout);
         let scene = scenario.scene(part);
         let images: Vec<GrayImage> =
             lessons.iter().map(|truth| read(&args.folder.join(&truth.picture))).collect::<anyhow::Result<_>>()?;

@@ -19,6 +19,7 @@ use feeder_sim::camera::{
 };
 
 mod accuracy;
+mod clicks;
 mod looks;
 mod otherwise;
 
@@ -470,31 +471,6 @@ fn teaching_refuses_poses_that_look_the_same_or_are_not_shown() {
     let black = GrayImage::new(640, 480);
     let black = TeachFrame { image: &black, ..bare };
     assert!(matches!(taught(&[black], &spec), Err(TeachError::Frame { index: 0, source: ImageFault::UnderExposed })));
-}
-
-#[test]
-fn a_click_finds_the_part_that_it_is_near_and_none_further_away() {
-    let scene = scene(&GROMMET, 2.0);
-    let parts = [at(0.06, 4.0, 0), at(0.07, 4.5, 0), at(0.06, 5.0, 0), at(0.07, 5.5, 0)];
-    let image = simple_picture(&parts);
-    let height_m = scene.tray.plateau_height_m() + 0.5 * GROMMET.poses[0].height_m;
-    let fitted = |beside_m: f64| {
-        let click = |part: &LaidPart| {
-            let clicked = over_camera() * (part.place + Vector2::new(0.0, beside_m));
-            let pixel = scene.camera.project(nalgebra::Point3::new(clicked.x, clicked.y, height_m)).unwrap();
-            Click { pixel, label: ClickLabel::Pose(0) }
-        };
-        let clicks = parts.map(|part| click(&part));
-        let shown = ClickedPicture { image: &image, platen_from_tray: over_camera(), clicks: &clicks };
-        fit_clicks(&[shown], &MODEL, &scene.camera, &scene.tray, 10.0).unwrap()
-    };
-    // Fewer than eight clicks say nothing of where parts lie: they are fitted where they are seen.
-    for (fit, part) in fitted(0.001_2).iter().zip(&parts) {
-        assert!(fit.doubt.is_none() && (fit.part.unwrap().place - part.place).norm() < 0.000_1, "{fit:?}");
-    }
-    for fit in fitted(0.002_3) {
-        assert_eq!((fit.part, fit.doubt), (None, Some(ClickDoubt::NotFound)));
-    }
 }
 
 /// As where walls are so high that low light reaches hardly anything on the plateau.
