@@ -256,8 +256,7 @@ fn looks_as_drawn(pictures: &[ClickedPicture], fits: &[FittedClick], pose: usize
 ///
 /// # Errors
 ///
-/// [`TeachError`] as for [`teach`](super::teach), for a drawn model of another camera, and for poses of which too few parts
-/// were found.
+/// [`TeachError`] as for [`teach`](super::teach), for a drawn model of another camera, and where no click shows a part as it is drawn.
 pub fn teach_from_clicks(
     pictures: &[ClickedPicture],
     bare: &[(&GrayImage, Isometry2<f64>)],
@@ -281,6 +280,9 @@ pub fn teach_from_clicks(
             if said_pose(pictures, fit).is_some_and(|pose| !as_drawn[pose]) {
                 fit.doubt = Some(ClickDoubt::NotAsDrawn);
             }
+        }
+        if fits.iter().all(|fit| fit.doubt.is_some()) {
+            return Err(TeachError::NothingAsDrawn { clicks: fits.len() });
         }
         let laid: Vec<Vec<LaidPart>> = (0..pictures.len())
             .map(|picture| {

@@ -119,6 +119,15 @@ pub enum TeachError {
         /// Parts shown.
         shown: usize,
     },
+    /// Clicks that all show something else than the drawing.
+    #[error(
+        "none of the {clicks} clicks on parts shows the part as it is drawn: it is another part, the camera hangs elsewhere than \
+         stated, or the clicks miss"
+    )]
+    NothingAsDrawn {
+        /// How many there are.
+        clicks: usize,
+    },
     /// A model that was not drawn for this camera.
     #[error(
         "the drawn model's texels are {found_m} m, {side} along a side; this camera needs {expected_m} m and {expected_side}"

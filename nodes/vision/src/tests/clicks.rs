@@ -57,4 +57,9 @@ fn a_pose_of_which_most_parts_look_otherwise_than_drawn_stays_as_drawn_and_the_c
         let is_drawn = |pose: usize| pictures(&lesson.model, pose) == pictures(&MODEL, pose);
         assert_eq!((is_drawn(0), is_drawn(1)), (false, left_out > 0), "{spared}");
     }
+    // Pictures of something else.
+    let image = simple_picture(&[]);
+    let shown = [ClickedPicture { image: &image, platen_from_tray: over_camera(), clicks: &clicks }];
+    let refused = teach_from_clicks(&shown, &[], &MODEL, &scene.camera, &scene.tray, 10.0);
+    assert!(matches!(refused, Err(TeachError::NothingAsDrawn { clicks: 18 })), "{refused:?}");
 }
