@@ -92,6 +92,8 @@ impl Candidate {
 /// What a frame shows, as it is judged.
 pub(super) struct Judgement {
     pub candidates: Vec<Candidate>,
+    /// The share that each of them has in what lies on the plateau.
+    pub shares: Vec<f64>,
     /// The room round them.
     pub room: Room,
     pub health: FrameHealth,
@@ -104,6 +106,7 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
     let m_per_px = detector.camera.m_per_px(detector.tray.plateau_height_m());
     let mut candidates = Vec::with_capacity(found.len());
     let mut lying = Vec::with_capacity(found.len());
+    let mut px = Vec::with_capacity(found.len());
     let recognition = Recognition::new(detector, config, found);
     for (part, is_known) in found.iter().zip(&recognition.known) {
         let (centre, yaw_rad) = (part.fit.centre, part.fit.yaw_rad);
@@ -122,6 +125,7 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
             wall_gap_m,
             on_plateau: is_on_plateau(&outline, &detector.tray, m_per_px),
         });
+        px.push(part.px);
         let yaw_rad = if turns { yaw_rad } else { 0.0 };
         let fitted = (detector.light == Light::Any).then_some(&part.fit);
         let pictured = fitted.and_then(|fit| Pictured::new(detector, view, part.pose, fit));
@@ -132,7 +136,9 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
         candidate.part_gap_m = room.gap_m(index);
     }
     let health = health(detector, view, config, (found, &recognition), &candidates, &room);
-    Judgement { candidates, room, health, alike: recognition.alike }
+    let covered_px = covered_px(found, &room).max(1) as f64;
+    let shares = px.into_iter().map(|px| px as f64 / covered_px).collect();
+    Judgement { candidates, shares, room, health, alike: recognition.alike }
 }
 
 /// Free gap from an outline to the nearer wall, m; nothing for one farther in a wall than is measured wrongly: a part cannot lie
@@ -152,6 +158,11 @@ fn is_on_plateau(outline: &[Point2<f64>], tray: &MountedTray, m_per_px: f64) -> 
     outline.iter().all(|corner| tray.inside_sector_m(*corner) >= -SECTOR_MISS_PX * m_per_px)
 }
 
+/// Pixels on which something lies.
+fn covered_px(found: &[Found], room: &Room) -> usize {
+    found.iter().map(|part| part.px).sum::<usize>() + room.own_px + room.foreign_px
+}
+
 /// What the frame is worth.
 fn health(
     detector: &Detector,
@@ -161,19 +172,17 @@ fn health(
     candidates: &[Candidate],
     room: &Room,
 ) -> FrameHealth {
-    let Room { own_px, foreign_px, .. } = *room;
     let known = found.iter().zip(&recognition.known);
     let recognised: Vec<&Found> = known.filter_map(|(part, is_known)| is_known.then_some(part)).collect();
-    let part_px: usize = found.iter().map(|part| part.px).sum();
     let recognised_px: usize = recognised.iter().map(|part| part.px).sum();
     let (plateau_ratio, hub_ratio) = detector.light_ratios().unwrap_or((1.0, None));
-    let covered_px = part_px + own_px + foreign_px;
+    let covered_px = covered_px(found, room);
     let middle = |mode: usize, spread: f32| {
         let mut amounts: Vec<f32> = recognised.iter().map(|part| part.fit.amounts[mode] * spread).collect();
         amounts.sort_by(f32::total_cmp);
         amounts.get(amounts.len() / 2).map(|amount| f64::from(*amount))
     };
-    let explained = if recognised.is_empty() { 0 } else { recognised_px + own_px };
+    let explained = if recognised.is_empty() { 0 } else { recognised_px + room.own_px };
     FrameHealth {
         in_view_ratio: in_view_ratio(detector),
         covered_ratio: covered_px as f64 / detector.plateau_px().max(1) as f64,

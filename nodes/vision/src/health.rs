@@ -131,6 +131,13 @@ impl FrameHealth {
         .collect()
     }
 
+    /// Takes back that a part is recognised which has this share in what lies there.
+    pub(super) fn unrecognise(&mut self, share: f64) {
+        self.recognised = self.recognised.saturating_sub(1);
+        // The shadows are theirs.
+        self.explained_ratio = if self.recognised == 0 { 0.0 } else { (self.explained_ratio - share).max(0.0) };
+    }
+
     /// Whether all looks as taught: light, lens and surfaces.
     #[must_use]
     pub(super) fn is_as_taught(&self) -> bool {
@@ -253,6 +260,15 @@ mod tests {
         ] {
             assert!(!other.is_as_taught(), "{other:?}");
         }
+    }
+
+    #[test]
+    fn a_part_that_is_not_recognised_after_all_explains_nothing_nor_do_shadows_of_none() {
+        let mut health = FrameHealth { recognised: 2, explained_ratio: 0.5, ..sound() };
+        health.unrecognise(0.125);
+        assert_eq!((health.recognised, health.explained_ratio), (1, 0.375));
+        health.unrecognise(0.125);
+        assert_eq!((health.recognised, health.explained_ratio), (0, 0.0));
     }
 
     #[test]

@@ -70,7 +70,8 @@ impl Sight {
         }
         // What the light leaves looking alike is told apart by a picture that it does not show as taught only by chance.
         let by_chance = !taught.health.parts_look_as_taught();
-        for candidate in &mut taught.candidates {
+        for (candidate, share) in taught.candidates.iter_mut().zip(&taught.shares) {
+            let was_sure = candidate.pose.is_some();
             if by_chance && any.alike[candidate.likeness] {
                 (candidate.pose, candidate.confidence) = (None, 0.0);
             }
@@ -81,6 +82,9 @@ impl Sight {
                     candidate.confidence = candidate.confidence.max(other.confidence);
                     candidate.part_gap_m = candidate.part_gap_m.min(*part_gap_m);
                 }
+            }
+            if was_sure && candidate.pose.is_none() {
+                taught.health.unrecognise(*share);
             }
         }
         // In the light taught neither blur nor size is fitted.

@@ -27,8 +27,9 @@ fn look(explained_ratio: f64, candidate: Candidate, part_gap_m: f64, foreign_gap
     let part_gaps_m = vec![part_gap_m];
     let room = Room { part_gaps_m, foreign_gaps_m: vec![foreign_gap_m], own_px: 0, foreign_px: 0 };
     let candidate = Candidate { part_gap_m: room.gap_m(0), ..candidate };
-    let health = FrameHealth { explained_ratio, ..FrameHealth::default() };
-    Judgement { candidates: vec![candidate], room, health, alike: vec![false; 2] }
+    let (in_view_ratio, covered_ratio, recognised) = (1.0, 0.1, usize::from(candidate.pose.is_some()));
+    let health = FrameHealth { in_view_ratio, covered_ratio, explained_ratio, recognised, ..FrameHealth::default() };
+    Judgement { candidates: vec![candidate], shares: vec![explained_ratio], room, health, alike: vec![false; 2] }
 }
 
 /// What the looks make of the thing, in light that falls as it did when the part was taught or otherwise.
@@ -121,10 +122,10 @@ fn what_looks_alike_in_any_light_is_not_sure_either_as_taught_unless_parts_look_
         let alike = vec![pose == 0, pose == 1];
         let (candidates, health) =
             sight().together(Judgement { health, ..taught }, Judgement { alike, ..any }, &SelectorConfig::default());
-        (candidates[0].pose, health.causes().contains(&HealthCause::LooksAlike))
+        (candidates[0].pose, health.causes().contains(&HealthCause::LooksAlike), health.is_blind())
     };
-    assert_eq!(alike(0, 0.2, 0.0), (Some(0), false), "foreign things alone made for the second look");
-    assert_eq!(alike(0, 0.5, 0.0), (None, true), "parts look otherwise");
-    assert_eq!(alike(0, 0.2, 0.01), (None, true), "light falls otherwise");
-    assert_eq!(alike(1, 0.5, 0.01), (Some(0), true), "it is the other pose that is not told");
+    assert_eq!(alike(0, 0.2, 0.0), (Some(0), false, false), "foreign things alone made for the second look");
+    assert_eq!(alike(0, 0.5, 0.0), (None, true, true), "parts look otherwise");
+    assert_eq!(alike(0, 0.2, 0.01), (None, true, true), "light falls otherwise");
+    assert_eq!(alike(1, 0.5, 0.01), (Some(0), true, false), "it is the other pose that is not told");
 }
