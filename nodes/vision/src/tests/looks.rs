@@ -1,7 +1,9 @@
 //! What two looks at a frame come to together.
 
 use super::*;
-use crate::candidate::Judgement;
+use crate::candidate::{Judgement, judge};
+use crate::detector::Detector;
+use crate::modes::Light;
 use crate::room::Room;
 
 /// A coin that a look is sure of.
@@ -128,4 +130,16 @@ fn what_looks_alike_in_any_light_is_not_sure_either_as_taught_unless_parts_look_
     assert_eq!(alike(0, 0.5, 0.0), (None, true, true), "parts look otherwise");
     assert_eq!(alike(0, 0.2, 0.01), (None, true, true), "light falls otherwise");
     assert_eq!(alike(1, 0.5, 0.01), (Some(0), true, false), "it is the other pose that is not told");
+}
+
+/// Three grommets cover two fifths of what they darken; the rest are their shadows.
+#[test]
+fn parts_of_a_size_have_the_same_share_in_what_lies_there() {
+    let (scene, config) = (scene(&GROMMET, 2.0), SelectorConfig::default());
+    let mut detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Taught);
+    let image = simple_picture(&[at(0.06, 4.0, 0), at(0.06, 4.7, 0), at(0.06, 5.4, 0)]);
+    let found = detector.find(&image, &over_camera(), config.contrast_min_levels, f32::MAX).unwrap();
+    let judged = judge(&detector, &detector.view(&over_camera()), &config, &found);
+    assert_eq!((judged.shares.len(), judged.health.recognised), (3, 3));
+    assert!(judged.shares.iter().all(|share| (share - 0.13).abs() < 0.02), "{:?}", judged.shares);
 }
