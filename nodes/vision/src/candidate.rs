@@ -97,6 +97,8 @@ pub(super) struct Judgement {
     /// The room round them.
     pub room: Room,
     pub health: FrameHealth,
+    /// For each pose what three of four parts recognised in it miss by at least, of what they may; nothing where too few lie to tell.
+    pub miss_ratios: Vec<Option<f64>>,
     /// For each pose, whether the light of the frame leaves it looking like another one, or the same the other way round.
     pub alike: Vec<bool>,
 }
@@ -127,8 +129,7 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
         });
         px.push(part.px);
         let yaw_rad = if turns { yaw_rad } else { 0.0 };
-        let fitted = (detector.light == Light::Any).then_some(&part.fit);
-        let pictured = fitted.and_then(|fit| Pictured::new(detector, view, part.pose, fit));
+        let pictured = Pictured::new(detector, view, part.pose, &part.fit);
         lying.push(Lying { pose: part.pose, centre, yaw_rad, outline, pictured });
     }
     let room = measure_room(detector, view, &lying);
@@ -138,7 +139,8 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
     let health = health(detector, view, config, (found, &recognition), &candidates, &room);
     let covered_px = covered_px(found, &room).max(1) as f64;
     let shares = px.into_iter().map(|px| px as f64 / covered_px).collect();
-    Judgement { candidates, shares, room, health, alike: recognition.alike }
+    let Recognition { miss_ratios, alike, .. } = recognition;
+    Judgement { candidates, shares, room, health, miss_ratios, alike }
 }
 
 /// Free gap from an outline to the nearer wall, m; nothing for one farther in a wall than is measured wrongly: a part cannot lie
@@ -172,8 +174,7 @@ fn health(
     candidates: &[Candidate],
     room: &Room,
 ) -> FrameHealth {
-    let known = found.iter().zip(&recognition.known);
-    let recognised: Vec<&Found> = known.filter_map(|(part, is_known)| is_known.then_some(part)).collect();
+    let recognised = recognition.of(found);
     let recognised_px: usize = recognised.iter().map(|part| part.px).sum();
     let (plateau_ratio, hub_ratio) = detector.light_ratios().unwrap_or((1.0, None));
     let covered_px = covered_px(found, room);
@@ -194,23 +195,22 @@ fn health(
         blur_excess_px2: middle(BLUR, 2.0 * BLUR_SPREAD_PX2),
         size_excess_ratio: middle(SCALE, SCALE_SPREAD),
         recognised: recognised.len(),
-        miss_ratio: miss_ratio(detector, &recognised),
+        miss_ratio: recognition.miss_ratios.iter().flatten().copied().fold(0.0, f64::max),
         beset_ratio: beset_ratio(candidates, room, config.part_clearance_m),
         looks_alike: recognition.alike.contains(&true),
     }
 }
 
-/// What three of four parts recognised in a pose miss by at least, of what they may, in the pose that fits worst; 0 where too few of
-/// each pose lie to tell. (Some may smear as they move: light, lens and surface are the same for all.)
-fn miss_ratio(detector: &Detector, recognised: &[&Found]) -> f64 {
+/// What three of four parts recognised in each pose miss by at least, of what they may; nothing where too few of it lie to tell. (Some
+/// may smear as they move: light, lens and surface are the same for all.)
+fn miss_ratios(detector: &Detector, recognised: &[&Found]) -> Vec<Option<f64>> {
     let of_pose = |pose: usize| {
         let mut misses: Vec<f32> =
             recognised.iter().filter(|part| part.pose == pose).map(|part| part.fit.cost).collect();
         misses.sort_by(f32::total_cmp);
-        let least = if misses.len() < ALIKE_MIN { 0.0 } else { misses[misses.len() / 4] };
-        f64::from(least / detector.sought[pose].miss_max())
+        (misses.len() >= ALIKE_MIN).then(|| f64::from(misses[misses.len() / 4] / detector.sought[pose].miss_max()))
     };
-    (0..detector.sought.len()).map(of_pose).fold(0.0, f64::max)
+    (0..detector.sought.len()).map(of_pose).collect()
 }
 
 /// Share of the parts recognised to which something that is nobody's leaves too little room; 0 where too few lie to tell.
@@ -234,7 +234,8 @@ fn in_view_ratio(detector: &Detector) -> f64 {
 struct Recognition {
     /// For each thing.
     known: Vec<bool>,
-    /// See [`Judgement::alike`].
+    /// See [`Judgement::miss_ratios`] and [`Judgement::alike`].
+    miss_ratios: Vec<Option<f64>>,
     alike: Vec<bool>,
 }
 
@@ -242,7 +243,16 @@ impl Recognition {
     fn new(detector: &Detector, config: &SelectorConfig, found: &[Found]) -> Self {
         let alike = looks_alike(detector, config, found);
         let is_known = |part: &Found| !alike[part.pose] && is_recognised(detector, part, config);
-        Self { known: found.iter().map(is_known).collect(), alike }
+        let known = found.iter().map(is_known).collect();
+        let mut recognition = Self { known, miss_ratios: Vec::new(), alike };
+        recognition.miss_ratios = miss_ratios(detector, &recognition.of(found));
+        recognition
+    }
+
+    /// Those of the things found that are recognised.
+    fn of<'a>(&self, found: &'a [Found]) -> Vec<&'a Found> {
+        let known = found.iter().zip(&self.known);
+        known.filter_map(|(part, is_known)| is_known.then_some(part)).collect()
     }
 }
 

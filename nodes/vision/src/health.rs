@@ -143,13 +143,13 @@ impl FrameHealth {
     pub(super) fn is_as_taught(&self) -> bool {
         self.explained_ratio >= EXPLAINED_AS_TAUGHT_MIN
             && self.beset_ratio <= BESET_AS_TAUGHT_MAX
-            && self.parts_look_as_taught()
+            && self.looks_as_taught(self.miss_ratio)
     }
 
-    /// Whether the parts recognised look as taught, whatever else lies there, and light falls as it did.
+    /// Whether parts that miss by so much, of what they may, look as taught, whatever else lies there, and light falls as it did.
     #[must_use]
-    pub(super) fn parts_look_as_taught(&self) -> bool {
-        self.miss_ratio <= MISS_AS_TAUGHT_MAX && !self.light_differs()
+    pub(super) fn looks_as_taught(&self, miss_ratio: f64) -> bool {
+        miss_ratio <= MISS_AS_TAUGHT_MAX && !self.light_differs()
     }
 
     /// Whether the light is another than the one taught, as far as that shows.

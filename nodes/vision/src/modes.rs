@@ -39,6 +39,15 @@ impl Light {
         }
     }
 
+    /// By how much a part's shadow ends elsewhere than in its picture, px: the lamp may stand a little beside where it was taught. Where
+    /// light is fitted too the picture has the shadow already, and more room for chance would let things beside pass for it.
+    pub(super) fn shadow_miss_px(self) -> f64 {
+        match self {
+            Self::Taught => 1.0,
+            Self::Any => 0.0,
+        }
+    }
+
     /// By how much edges are elsewhere than in the template, or less sharp, px.
     pub(super) fn edge_miss_px(self) -> f32 {
         match self {

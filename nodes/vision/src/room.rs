@@ -49,7 +49,7 @@ pub(super) struct Lying {
     pub centre: Point2<f64>,
     pub yaw_rad: f64,
     pub outline: Vec<Point2<f64>>,
-    /// How it was seen, where light and lens were fitted too.
+    /// How it was seen, in whole.
     pub pictured: Option<Pictured>,
 }
 
@@ -76,10 +76,15 @@ impl Pictured {
         })
     }
 
-    /// Its brightness at a pixel of the window, relative to the plateau's; 0 beyond the picture.
-    fn level(&self, sought: &Sought, column: usize, row: usize) -> f32 {
-        let place = self.part_from_px * (Point2::new(column as f64, row as f64) - self.middle);
-        sought.texel(place).map_or(0.0, |texel| self.picture[texel])
+    /// How dark and how bright it is within so many pixels of one of the window, relative to the plateau. Beyond the picture the
+    /// plateau is bare.
+    fn range(&self, sought: &Sought, (column, row): (usize, usize), within_px: f64) -> (f32, f32) {
+        let beside = [-within_px, 0.0, within_px];
+        let around = beside.into_iter().flat_map(|down| beside.map(|right| Vector2::new(right, down)));
+        let from_middle = Point2::new(column as f64, row as f64) - self.middle;
+        let texels = around.filter_map(|beside| sought.texel(self.part_from_px * (from_middle + beside)));
+        let levels = texels.map(|texel| self.picture[texel]);
+        levels.fold((0.0, 0.0), |(low, high): (f32, f32), level| (low.min(level), high.max(level)))
     }
 }
 
@@ -115,9 +120,10 @@ pub(super) fn measure_room(detector: &Detector, view: &View, parts: &[Lying]) ->
             let sought = &detector.sought[pose];
             let scatters = detector.light.scatters();
             let (low, high) = detector.surrounds[pose].range(view, sought, (centre, yaw_rad), place, scatters);
-            let (column, row) = (pixel % frame.window.width, pixel / frame.window.width);
-            let level = pictured.as_ref().map_or(0.0, |pictured| pictured.level(sought, column, row));
-            (low.min(level), high.max(level))
+            let at = (pixel % frame.window.width, pixel / frame.window.width);
+            let seen = pictured.as_ref().map(|pictured| pictured.range(sought, at, detector.light.shadow_miss_px()));
+            let (darkest, brightest) = seen.unwrap_or((0.0, 0.0));
+            (low.min(darkest), high.max(brightest))
         };
         // What is a part's own is in the way of none. Shades add up, where they are known exactly.
         let together = |(low, high): (f32, f32), (lower, higher): (f32, f32)| match detector.light {

@@ -69,10 +69,13 @@ impl Sight {
             return (any.candidates, any.health);
         }
         // What the light leaves looking alike is told apart by a picture that it does not show as taught only by chance.
-        let by_chance = !taught.health.parts_look_as_taught();
+        let miss_ratio = |pose: usize| taught.miss_ratios[pose].unwrap_or(taught.health.miss_ratio);
+        let by_chance: Vec<bool> = (0..any.alike.len())
+            .map(|pose| any.alike[pose] && !taught.health.looks_as_taught(miss_ratio(pose)))
+            .collect();
         for (candidate, share) in taught.candidates.iter_mut().zip(&taught.shares) {
             let was_sure = candidate.pose.is_some();
-            if by_chance && any.alike[candidate.likeness] {
+            if by_chance[candidate.likeness] {
                 (candidate.pose, candidate.confidence) = (None, 0.0);
             }
             for (other, part_gap_m) in any.candidates.iter().zip(&any.room.part_gaps_m) {
@@ -89,7 +92,7 @@ impl Sight {
         }
         // In the light taught neither blur nor size is fitted.
         let FrameHealth { blur_excess_px2, size_excess_ratio, .. } = any.health;
-        let looks_alike = by_chance && any.alike.contains(&true);
+        let looks_alike = by_chance.contains(&true);
         (taught.candidates, FrameHealth { blur_excess_px2, size_excess_ratio, looks_alike, ..taught.health })
     }
 

@@ -31,7 +31,8 @@ fn look(explained_ratio: f64, candidate: Candidate, part_gap_m: f64, foreign_gap
     let candidate = Candidate { part_gap_m: room.gap_m(0), ..candidate };
     let (in_view_ratio, covered_ratio, recognised) = (1.0, 0.1, usize::from(candidate.pose.is_some()));
     let health = FrameHealth { in_view_ratio, covered_ratio, explained_ratio, recognised, ..FrameHealth::default() };
-    Judgement { candidates: vec![candidate], shares: vec![explained_ratio], room, health, alike: vec![false; 2] }
+    let (shares, miss_ratios) = (vec![explained_ratio], vec![None; 2]);
+    Judgement { candidates: vec![candidate], shares, room, health, miss_ratios, alike: vec![false; 2] }
 }
 
 /// What the looks make of the thing, in light that falls as it did when the part was taught or otherwise.
@@ -117,8 +118,9 @@ fn parts_that_either_look_sees_are_in_the_way_and_shade_that_either_knows_is_not
 /// A light that leaves two poses looking alike leaves little unexplained when all of them are taken for one.
 #[test]
 fn what_looks_alike_in_any_light_is_not_sure_either_as_taught_unless_parts_look_as_they_did() {
-    let alike = |pose: usize, miss_ratio: f64, light_change_ratio: f64| {
-        let taught = look(0.95, SEEN, 0.01, 0.01);
+    let alike_if = |own_miss_ratio: Option<f64>, pose: usize, miss_ratio: f64, light_change_ratio: f64| {
+        let miss_ratios = vec![own_miss_ratio, None];
+        let taught = Judgement { miss_ratios, ..look(0.95, SEEN, 0.01, 0.01) };
         let health = FrameHealth { miss_ratio, light_change_ratio: Some(light_change_ratio), ..taught.health };
         let any = look(0.0, Candidate { pose: None, confidence: 0.0, ..SEEN }, 0.01, 0.01);
         let alike = vec![pose == 0, pose == 1];
@@ -126,10 +128,14 @@ fn what_looks_alike_in_any_light_is_not_sure_either_as_taught_unless_parts_look_
             sight().together(Judgement { health, ..taught }, Judgement { alike, ..any }, &SelectorConfig::default());
         (candidates[0].pose, health.causes().contains(&HealthCause::LooksAlike), health.is_blind())
     };
+    let alike = |pose, miss_ratio, light_change_ratio| alike_if(None, pose, miss_ratio, light_change_ratio);
     assert_eq!(alike(0, 0.2, 0.0), (Some(0), false, false), "foreign things alone made for the second look");
     assert_eq!(alike(0, 0.5, 0.0), (None, true, true), "parts look otherwise");
     assert_eq!(alike(0, 0.2, 0.01), (None, true, true), "light falls otherwise");
     assert_eq!(alike(1, 0.5, 0.01), (Some(0), true, false), "it is the other pose that is not told");
+    assert_eq!(alike_if(Some(0.2), 0, 0.5, 0.0), (Some(0), false, false), "those of another pose look otherwise");
+    assert_eq!(alike_if(Some(0.5), 0, 0.2, 0.0), (None, true, true), "those of its own pose do");
+    assert_eq!(alike_if(Some(0.2), 0, 0.2, 0.01), (None, true, true), "light falls otherwise");
 }
 
 /// Three grommets cover two fifths of what they darken; the rest are their shadows.

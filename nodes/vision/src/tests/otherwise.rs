@@ -7,6 +7,7 @@ use crate::detector::{Detector, Found, belief_of_light};
 use crate::modes::{Belief, Light, MODES, OTHER_LIGHTS, WHOLE_LIGHTS};
 use crate::template::Aspect;
 use feeder_model::geometry::PartMesh;
+use feeder_model::geometry::apart::distance_m;
 
 /// A part that gives back so many times the light.
 fn lit(scene: &mut Scene, ratio: f64) {
@@ -73,6 +74,64 @@ fn shadows_of_a_lamp_that_stands_lower_are_in_the_way_of_none() {
     let lower = |scene: &mut Scene| scene.light.elevation_rad = 45_f64.to_radians();
     let recall = recall(&catalogue("coin"), &COIN, lower, 0.0);
     assert!(recall >= 0.95, "{recall}");
+}
+
+/// A wall at one end of a bracket shades a strip beside it at some yaws only, and the lamp may stand a little elsewhere than taught.
+/// What else lies there, be it in that strip, is in the way.
+#[test]
+fn a_shadow_that_turns_with_the_part_is_its_own_and_what_lies_in_it_is_not() {
+    let bracket = catalogue("bracket");
+    let believed = scene(&bracket, 2.0);
+    let mut selector =
+        Selector::new(SelectorConfig::default(), &believed.camera, &believed.tray, &taught(&bracket)).unwrap();
+    let mut world = scene(&bracket, 2.0);
+    world.light.elevation_rad -= 2_f64.to_radians();
+    let mut renderer = Renderer::new(&world).unwrap();
+    let mut random = Pcg64Mcg::seed_from_u64(5);
+    let (mut shown, mut free, mut beset) = (0, 0, 0);
+    let mut has_room = |image: &GrayImage, laid: &LaidPart| {
+        let seen = selector.detect(image, &over_camera()).unwrap();
+        let near = |candidate: &&Candidate| (candidate.centre() - laid.place).norm() < 0.000_5;
+        seen.iter().find(near).map_or(0, |candidate| u32::from(candidate.part_gap_m >= 0.001))
+    };
+    for _ in 0..3 {
+        let parts = strewn(&bracket, Some(0), 8, 0.016, &mut random);
+        let image = shoot(&mut renderer, &over_camera(), &parts, &mut random);
+        for (index, laid) in parts.iter().enumerate() {
+            shown += 1;
+            free += has_room(&image, laid);
+            let direction_rad = TAU * (index as f64) / 8.0;
+            for level in [20, 240] {
+                beset += has_room(&with_thing_beside(&image, &believed, (&bracket, laid), direction_rad, level), laid);
+            }
+        }
+    }
+    assert!(f64::from(free) >= 0.95 * f64::from(shown), "{free} of {shown} have room");
+    assert_eq!(beset, 0, "of {shown} beside a dark thing and beside a bright one");
+}
+
+/// A picture with a thing of 2 mm painted 0.6 mm beside a part's outline, in a direction of the tray.
+fn with_thing_beside(
+    image: &GrayImage,
+    scene: &Scene,
+    (part, laid): (&PartType, &LaidPart),
+    direction_rad: f64,
+    level: u8,
+) -> GrayImage {
+    let view = view::View { camera: &scene.camera, tray: &scene.tray, platen_from_tray: over_camera() };
+    let outline = part.poses[laid.pose].outline.at(&Isometry2::new(laid.place.coords, laid.yaw_rad));
+    let along = Vector2::new(direction_rad.cos(), direction_rad.sin());
+    let mut image = image.clone();
+    for (row, column) in (-90..=90).flat_map(|row| (-90..=90).map(move |column| (row, column))) {
+        let place = laid.place + Vector2::new(f64::from(column), f64::from(row)) * 0.000_1;
+        let beside_m = distance_m(&outline, &place);
+        if (place - laid.place).angle(&along) < 0.3 && (0.000_6..0.002_6).contains(&beside_m) {
+            let pixel = view.pixel(place, scene.tray.plateau_height_m()).unwrap();
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the image")]
+            image.put_pixel(pixel.x.round() as u32, pixel.y.round() as u32, Luma([level]));
+        }
+    }
+    image
 }
 
 /// What falls to one side of a part does not tell what it is: a dome takes it away. Light that falls otherwise across the plateau
