@@ -174,7 +174,7 @@ fn health(
     candidates: &[Candidate],
     room: &Room,
 ) -> FrameHealth {
-    let recognised = recognition.of(found);
+    let recognised = recognised(found, &recognition.known);
     let recognised_px: usize = recognised.iter().map(|part| part.px).sum();
     let (plateau_ratio, hub_ratio) = detector.light_ratios().unwrap_or((1.0, None));
     let covered_px = covered_px(found, room);
@@ -243,17 +243,15 @@ impl Recognition {
     fn new(detector: &Detector, config: &SelectorConfig, found: &[Found]) -> Self {
         let alike = looks_alike(detector, config, found);
         let is_known = |part: &Found| !alike[part.pose] && is_recognised(detector, part, config);
-        let known = found.iter().map(is_known).collect();
-        let mut recognition = Self { known, miss_ratios: Vec::new(), alike };
-        recognition.miss_ratios = miss_ratios(detector, &recognition.of(found));
-        recognition
+        let known: Vec<bool> = found.iter().map(is_known).collect();
+        let miss_ratios = miss_ratios(detector, &recognised(found, &known));
+        Self { known, miss_ratios, alike }
     }
+}
 
-    /// Those of the things found that are recognised.
-    fn of<'a>(&self, found: &'a [Found]) -> Vec<&'a Found> {
-        let known = found.iter().zip(&self.known);
-        known.filter_map(|(part, is_known)| is_known.then_some(part)).collect()
-    }
+/// Those of the things found that are recognised.
+fn recognised<'a>(found: &'a [Found], known: &[bool]) -> Vec<&'a Found> {
+    found.iter().zip(known).filter_map(|(part, is_known)| is_known.then_some(part)).collect()
 }
 
 /// See [`Judgement::alike`].

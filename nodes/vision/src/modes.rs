@@ -39,12 +39,13 @@ impl Light {
         }
     }
 
-    /// By how much a part's shadow ends elsewhere than in its picture, px: the lamp may stand a little beside where it was taught. Where
-    /// light is fitted too the picture has the shadow already, and more room for chance would let things beside pass for it.
-    pub(super) fn shadow_miss_px(self) -> f64 {
+    /// How far beside its place in the picture, along rows and columns, a part's shadow may be seen, px: the lamp may stand a little
+    /// elsewhere than taught. Where light is fitted too the picture has the shadow already, and more room for chance would let things
+    /// beside pass for it.
+    pub(super) fn shadow_misses_px(self) -> &'static [f64] {
         match self {
-            Self::Taught => 1.0,
-            Self::Any => 0.0,
+            Self::Taught => &[-1.0, 0.0, 1.0],
+            Self::Any => &[0.0],
         }
     }
 

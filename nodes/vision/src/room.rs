@@ -49,7 +49,7 @@ pub(super) struct Lying {
     pub centre: Point2<f64>,
     pub yaw_rad: f64,
     pub outline: Vec<Point2<f64>>,
-    /// How it was seen, in whole.
+    /// How it was seen; nothing out of the camera's sight.
     pub pictured: Option<Pictured>,
 }
 
@@ -76,11 +76,10 @@ impl Pictured {
         })
     }
 
-    /// How dark and how bright it is within so many pixels of one of the window, relative to the plateau. Beyond the picture the
+    /// How dark and how bright it is at a pixel of the window and so far beside, relative to the plateau. Beyond the picture the
     /// plateau is bare.
-    fn range(&self, sought: &Sought, (column, row): (usize, usize), within_px: f64) -> (f32, f32) {
-        let beside = [-within_px, 0.0, within_px];
-        let around = beside.into_iter().flat_map(|down| beside.map(|right| Vector2::new(right, down)));
+    fn range(&self, sought: &Sought, (column, row): (usize, usize), beside_px: &[f64]) -> (f32, f32) {
+        let around = beside_px.iter().flat_map(|down| beside_px.iter().map(move |right| Vector2::new(*right, *down)));
         let from_middle = Point2::new(column as f64, row as f64) - self.middle;
         let texels = around.filter_map(|beside| sought.texel(self.part_from_px * (from_middle + beside)));
         let levels = texels.map(|texel| self.picture[texel]);
@@ -121,7 +120,7 @@ pub(super) fn measure_room(detector: &Detector, view: &View, parts: &[Lying]) ->
             let scatters = detector.light.scatters();
             let (low, high) = detector.surrounds[pose].range(view, sought, (centre, yaw_rad), place, scatters);
             let at = (pixel % frame.window.width, pixel / frame.window.width);
-            let seen = pictured.as_ref().map(|pictured| pictured.range(sought, at, detector.light.shadow_miss_px()));
+            let seen = pictured.as_ref().map(|pictured| pictured.range(sought, at, detector.light.shadow_misses_px()));
             let (darkest, brightest) = seen.unwrap_or((0.0, 0.0));
             (low.min(darkest), high.max(brightest))
         };

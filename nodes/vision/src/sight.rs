@@ -69,10 +69,9 @@ impl Sight {
             return (any.candidates, any.health);
         }
         // What the light leaves looking alike is told apart by a picture that it does not show as taught only by chance.
-        let miss_ratio = |pose: usize| taught.miss_ratios[pose].unwrap_or(taught.health.miss_ratio);
-        let by_chance: Vec<bool> = (0..any.alike.len())
-            .map(|pose| any.alike[pose] && !taught.health.looks_as_taught(miss_ratio(pose)))
-            .collect();
+        let misses = |ratio: &Option<f64>| !taught.health.looks_as_taught(ratio.unwrap_or(taught.health.miss_ratio));
+        let poses = any.alike.iter().zip(&taught.miss_ratios);
+        let by_chance: Vec<bool> = poses.map(|(is_alike, miss_ratio)| *is_alike && misses(miss_ratio)).collect();
         for (candidate, share) in taught.candidates.iter_mut().zip(&taught.shares) {
             let was_sure = candidate.pose.is_some();
             if by_chance[candidate.likeness] {

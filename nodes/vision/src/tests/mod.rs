@@ -110,14 +110,11 @@ fn a_thing_that_is_no_part_is_an_obstacle() {
     assert!(free.part_gap_m > 0.01 && selector.admits(&free));
     // A dark bar, 5 mm wide, its near edge 0.6 mm beside the part, in its shade.
     let scene = scene(&GROMMET, 2.0);
-    let view = view::View { camera: &scene.camera, tray: &scene.tray, platen_from_tray: over_camera() };
-    for (along, across) in (0..20).flat_map(|along| (0..25).map(move |across| (along, across))) {
+    let places = (0..20).flat_map(|along| (0..25).map(move |across| (along, across))).map(|(along, across)| {
         let (along_m, across_m) = (f64::from(along) * 0.000_2, f64::from(across) * 0.000_2);
-        let point = part.place + Vector2::new(RADIUS_M + 0.000_6 + across_m, along_m);
-        let pixel = view.pixel(point, scene.tray.plateau_height_m()).unwrap();
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the image")]
-        image.put_pixel(pixel.x.round() as u32, pixel.y.round() as u32, Luma([20]));
-    }
+        part.place + Vector2::new(RADIUS_M + 0.000_6 + across_m, along_m)
+    });
+    paint(&mut image, &scene, places, 20);
     let blocked = selector.detect(&image, &over_camera()).unwrap();
     let blocked = blocked.iter().find(|candidate| (candidate.centre() - part.place).norm() < 0.000_3).unwrap();
     assert!(blocked.part_gap_m < 0.001 && !selector.admits(blocked), "{}", blocked.part_gap_m);

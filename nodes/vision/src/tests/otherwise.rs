@@ -119,19 +119,15 @@ fn with_thing_beside(
     direction_rad: f64,
     level: u8,
 ) -> GrayImage {
-    let view = view::View { camera: &scene.camera, tray: &scene.tray, platen_from_tray: over_camera() };
     let outline = part.poses[laid.pose].outline.at(&Isometry2::new(laid.place.coords, laid.yaw_rad));
     let along = Vector2::new(direction_rad.cos(), direction_rad.sin());
+    let steps = || (-90..=90).map(|step| f64::from(step) * 0.000_1);
+    let places = steps().flat_map(|y_m| steps().map(move |x_m| laid.place + Vector2::new(x_m, y_m)));
+    let is_thing = |place: &Point2<f64>| {
+        (place - laid.place).angle(&along) < 0.3 && (0.000_6..0.002_6).contains(&distance_m(&outline, place))
+    };
     let mut image = image.clone();
-    for (row, column) in (-90..=90).flat_map(|row| (-90..=90).map(move |column| (row, column))) {
-        let place = laid.place + Vector2::new(f64::from(column), f64::from(row)) * 0.000_1;
-        let beside_m = distance_m(&outline, &place);
-        if (place - laid.place).angle(&along) < 0.3 && (0.000_6..0.002_6).contains(&beside_m) {
-            let pixel = view.pixel(place, scene.tray.plateau_height_m()).unwrap();
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the image")]
-            image.put_pixel(pixel.x.round() as u32, pixel.y.round() as u32, Luma([level]));
-        }
-    }
+    paint(&mut image, scene, places.filter(is_thing), level);
     image
 }
 

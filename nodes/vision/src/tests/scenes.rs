@@ -68,6 +68,16 @@ pub(super) fn shoot(
     image
 }
 
+/// Paints places of the plateau of a tray under the camera.
+pub(super) fn paint(image: &mut GrayImage, scene: &Scene, places: impl Iterator<Item = Point2<f64>>, level: u8) {
+    let view = view::View { camera: &scene.camera, tray: &scene.tray, platen_from_tray: over_camera() };
+    for place in places {
+        let pixel = view.pixel(place, scene.tray.plateau_height_m()).unwrap();
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the image")]
+        image.put_pixel(pixel.x.round() as u32, pixel.y.round() as u32, Luma([level]));
+    }
+}
+
 /// A picture of grommets with little noise and the tray under the camera.
 pub(super) fn simple_picture(parts: &[LaidPart]) -> GrayImage {
     shoot(&mut Renderer::new(&scene(&GROMMET, 2.0)).unwrap(), &over_camera(), parts, &mut Pcg64Mcg::seed_from_u64(11))
