@@ -249,6 +249,9 @@ impl Sought {
     /// The picture of the part as fitted, with what light and lens have made of it.
     pub(super) fn fitted(&self, aspect: &Aspect, amounts: &Amounts) -> Vec<f32> {
         let mut picture = self.template.picture(aspect);
+        if self.light == Light::Taught {
+            return picture;
+        }
         let effects = self.effects(&picture, aspect);
         let added: Vec<f32> = (0..picture.len()).map(|texel| effects.added(texel, amounts)).collect();
         picture.iter_mut().zip(added).for_each(|(level, added)| *level += added);
