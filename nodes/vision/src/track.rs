@@ -67,8 +67,10 @@ impl TrackerConfig {
     }
 }
 
-/// Evidence, in frames, that a track starts with for no pose in particular.
+/// Evidence, in frames, for no pose in particular that a track starts with; it fades as what frames show does.
 const DOUBT_FRAMES: f64 = 0.3;
+/// What a frame counts, in frames, that shows a thing but no pose: a smear or a neighbour hides a pose, and is no sign of another.
+const POSELESS_FRAMES: f64 = 0.4;
 
 /// A part followed over frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -169,7 +171,7 @@ impl Track {
             place: Filter::start(place, config.measurement_sigma_m, config.velocity_sigma_m_s),
             yaw: None,
             evidence: vec![0.0; pose_count],
-            evidence_total: 0.0,
+            evidence_total: DOUBT_FRAMES,
             frames_seen: 0,
             missed: 0,
         };
@@ -213,7 +215,8 @@ impl Track {
 
     fn weigh(&mut self, candidate: &Candidate, memory: f64) {
         self.frames_seen += 1;
-        self.evidence_total = self.evidence_total * memory + 1.0;
+        let counts = if candidate.pose.is_some() { 1.0 } else { POSELESS_FRAMES };
+        self.evidence_total = self.evidence_total * memory + counts;
         for (pose, evidence) in self.evidence.iter_mut().enumerate() {
             *evidence *= memory;
             if candidate.pose == Some(pose) {
@@ -235,7 +238,7 @@ impl Track {
             return (None, 0.0);
         };
         let lead = most - (total - most);
-        (Some(pose), (lead / (self.evidence_total + DOUBT_FRAMES)).clamp(0.0, 1.0))
+        (Some(pose), (lead / self.evidence_total).clamp(0.0, 1.0))
     }
 }
 
@@ -507,6 +510,42 @@ mod tests {
         let off_m = 1e-3;
         let share = tracker.update(31.0 * FRAME_S, &[at(off_m)], false)[0].position_m.x / off_m;
         assert!((0.4..0.9).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn a_part_becomes_as_sure_as_its_frames_are_and_two_sure_ones_are_enough() {
+        for memory in [0.0, 0.5, 0.8, 0.95] {
+            for confidence in [0.6, 0.91, 1.0] {
+                let config = TrackerConfig { memory, ..TrackerConfig::default() };
+                let shown = Some(Candidate { confidence, ..at(0.0) });
+                let last = show(&mut Tracker::new(config, vec![0; 2]), 0, &[shown; 150])[0];
+                assert!((last.confidence - confidence).abs() < 1e-3, "{memory} {confidence} {last:?}");
+            }
+        }
+        for (frames, is_sure) in [(1, false), (2, true)] {
+            assert_eq!(is_sure_after(&vec![Some(1.0); frames]), is_sure, "{frames}");
+        }
+    }
+
+    /// Whether a part is sure enough to be picked after frames that showed its pose with such confidence, or none.
+    fn is_sure_after(frames: &[Option<f64>]) -> bool {
+        let shown = |confidence: &Option<f64>| {
+            let pose = confidence.map(|_| 0);
+            Some(Candidate { pose, confidence: confidence.unwrap_or(0.0), ..at(0.0) })
+        };
+        let frames: Vec<_> = frames.iter().map(shown).collect();
+        show(&mut tracker(0), 0, &frames)[0].confidence >= crate::SelectorConfig::default().confidence_min
+    }
+
+    #[test]
+    fn a_part_stays_sure_through_a_frame_without_a_pose_and_one_without_in_each_third_never_is() {
+        let sure = [Some(1.0); 20];
+        assert!(is_sure_after(&[&sure[..], &[None, Some(1.0)]].concat()));
+        assert!(!is_sure_after(&[&sure[..], &[None, None, None, Some(1.0)]].concat()));
+        for frames in 2..60 {
+            let two_of_three: Vec<_> = (0..frames).map(|frame| (frame % 3 != 1).then_some(1.0)).collect();
+            assert!(!is_sure_after(&two_of_three), "{frames}");
+        }
     }
 
     #[test]
