@@ -17,6 +17,8 @@ mod calibration;
 mod candidate;
 mod config;
 mod detector;
+mod evidence;
+mod filter;
 mod flow;
 mod health;
 mod modes;

@@ -1,11 +1,13 @@
 //! Follows parts from frame to frame in the tray frame.
 
-use nalgebra::{Matrix2, Point2, Vector2};
+use nalgebra::{Point2, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Candidate;
 use super::detector::yaw_difference_rad;
+use super::evidence::Evidence;
+use super::filter::Filter;
 use super::flow::{Lying, common_turn_rad};
 use feeder_model::range::{OutOfRange, check_ranges};
 
@@ -67,11 +69,6 @@ impl TrackerConfig {
     }
 }
 
-/// Evidence, in frames, for no pose in particular that a track starts with; it fades as what frames show does.
-const DOUBT_FRAMES: f64 = 0.3;
-/// What a frame counts, in frames, that shows a thing but no pose: a smear or a neighbour hides a pose, and is no sign of another.
-const POSELESS_FRAMES: f64 = 0.4;
-
 /// A part followed over frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackedCandidate {
@@ -111,43 +108,6 @@ impl TrackedCandidate {
     }
 }
 
-/// Kalman filter for values of nearly constant rate that share their uncertainty.
-#[derive(Clone, Debug)]
-struct Filter<const N: usize> {
-    value: [f64; N],
-    rate: [f64; N],
-    /// Covariance of value and rate.
-    covariance: Matrix2<f64>,
-}
-
-impl<const N: usize> Filter<N> {
-    fn start(value: [f64; N], value_sigma: f64, rate_sigma: f64) -> Self {
-        let covariance = Matrix2::new(value_sigma.powi(2), 0.0, 0.0, rate_sigma.powi(2));
-        Self { value, rate: [0.0; N], covariance }
-    }
-
-    fn predict(&mut self, dt: f64, acceleration_sigma: f64) {
-        for (value, rate) in self.value.iter_mut().zip(&self.rate) {
-            *value += rate * dt;
-        }
-        let advance = Matrix2::new(1.0, dt, 0.0, 1.0);
-        // White acceleration held over each interval.
-        let kick = Vector2::new(0.5 * dt * dt, dt) * acceleration_sigma;
-        self.covariance = advance * self.covariance * advance.transpose() + kick * kick.transpose();
-    }
-
-    /// Takes in by how much a measurement differs from the value expected.
-    fn correct(&mut self, innovation: [f64; N], value_sigma: f64) {
-        let variance = self.covariance[(0, 0)] + value_sigma.powi(2);
-        let gain = self.covariance.column(0) / variance;
-        for (index, innovation) in innovation.into_iter().enumerate() {
-            self.value[index] += innovation * gain[0];
-            self.rate[index] += innovation * gain[1];
-        }
-        self.covariance -= gain * self.covariance.row(0).clone_owned();
-    }
-}
-
 /// A track: where the part is, how it is turned, and evidence for its pose.
 #[derive(Clone, Debug)]
 struct Track {
@@ -156,8 +116,7 @@ struct Track {
     place: Filter<2>,
     /// With the taught pose whose yaw it is: another pose's yaw counts from another direction.
     yaw: Option<(usize, Filter<1>)>,
-    evidence: Vec<f64>,
-    evidence_total: f64,
+    evidence: Evidence,
     frames_seen: u32,
     missed: u32,
 }
@@ -170,8 +129,7 @@ impl Track {
             stamp_s,
             place: Filter::start(place, config.measurement_sigma_m, config.velocity_sigma_m_s),
             yaw: None,
-            evidence: vec![0.0; pose_count],
-            evidence_total: DOUBT_FRAMES,
+            evidence: Evidence::new(pose_count),
             frames_seen: 0,
             missed: 0,
         };
@@ -212,34 +170,6 @@ impl Track {
         }
         self.missed = 0;
     }
-
-    fn weigh(&mut self, candidate: &Candidate, memory: f64) {
-        self.frames_seen += 1;
-        let counts = if candidate.pose.is_some() { 1.0 } else { POSELESS_FRAMES };
-        self.evidence_total = self.evidence_total * memory + counts;
-        for (pose, evidence) in self.evidence.iter_mut().enumerate() {
-            *evidence *= memory;
-            if candidate.pose == Some(pose) {
-                *evidence += candidate.confidence;
-            }
-        }
-    }
-
-    /// The pose with most evidence, and its lead over all others as a share of what there could be.
-    fn pose(&self) -> (Option<usize>, f64) {
-        let total: f64 = self.evidence.iter().sum();
-        let mut best: Option<(usize, f64)> = None;
-        for (pose, evidence) in self.evidence.iter().copied().enumerate() {
-            if evidence > best.map_or(0.0, |(_, most)| most) {
-                best = Some((pose, evidence));
-            }
-        }
-        let Some((pose, most)) = best else {
-            return (None, 0.0);
-        };
-        let lead = most - (total - most);
-        (Some(pose), (lead / self.evidence_total).clamp(0.0, 1.0))
-    }
 }
 
 /// The velocity of a place that turns about the tray's axis, m/s.
@@ -275,7 +205,7 @@ impl Tracker {
     fn follow_feed(&mut self, stamp_s: f64, candidates: &[Candidate], shaken: bool) {
         let Some(dt) = self.tracks.iter().map(|track| stamp_s - track.stamp_s).reduce(f64::min) else { return };
         let before: Vec<Lying> =
-            self.tracks.iter().map(|track| Lying { place: track.position(), pose: track.pose().0 }).collect();
+            self.tracks.iter().map(|track| Lying { place: track.position(), pose: track.evidence.pose().0 }).collect();
         let now: Vec<Lying> =
             candidates.iter().map(|candidate| Lying { place: candidate.centre(), pose: candidate.pose }).collect();
         let radius_m = before.iter().map(|lying| lying.place.coords.norm()).fold(0.0, f64::max);
@@ -351,8 +281,9 @@ impl Tracker {
             let Some(candidate) = shown.map(|index| candidates[index]) else {
                 continue;
             };
-            track.weigh(&candidate, self.config.memory);
-            let (pose, confidence) = track.pose();
+            track.frames_seen += 1;
+            track.evidence.weigh(&candidate, self.config.memory);
+            let (pose, confidence) = track.evidence.pose();
             tracked.push(TrackedCandidate {
                 id: track.id,
                 stamp_s,
@@ -510,42 +441,6 @@ mod tests {
         let off_m = 1e-3;
         let share = tracker.update(31.0 * FRAME_S, &[at(off_m)], false)[0].position_m.x / off_m;
         assert!((0.4..0.9).contains(&share), "{share}");
-    }
-
-    #[test]
-    fn a_part_becomes_as_sure_as_its_frames_are_and_two_sure_ones_are_enough() {
-        for memory in [0.0, 0.5, 0.8, 0.95] {
-            for confidence in [0.6, 0.91, 1.0] {
-                let config = TrackerConfig { memory, ..TrackerConfig::default() };
-                let shown = Some(Candidate { confidence, ..at(0.0) });
-                let last = show(&mut Tracker::new(config, vec![0; 2]), 0, &[shown; 150])[0];
-                assert!((last.confidence - confidence).abs() < 1e-3, "{memory} {confidence} {last:?}");
-            }
-        }
-        for (frames, is_sure) in [(1, false), (2, true)] {
-            assert_eq!(is_sure_after(&vec![Some(1.0); frames]), is_sure, "{frames}");
-        }
-    }
-
-    /// Whether a part is sure enough to be picked after frames that showed its pose with such confidence, or none.
-    fn is_sure_after(frames: &[Option<f64>]) -> bool {
-        let shown = |confidence: &Option<f64>| {
-            let pose = confidence.map(|_| 0);
-            Some(Candidate { pose, confidence: confidence.unwrap_or(0.0), ..at(0.0) })
-        };
-        let frames: Vec<_> = frames.iter().map(shown).collect();
-        show(&mut tracker(0), 0, &frames)[0].confidence >= crate::SelectorConfig::default().confidence_min
-    }
-
-    #[test]
-    fn a_part_stays_sure_through_a_frame_without_a_pose_and_one_without_in_each_third_never_is() {
-        let sure = [Some(1.0); 20];
-        assert!(is_sure_after(&[&sure[..], &[None, Some(1.0)]].concat()));
-        assert!(!is_sure_after(&[&sure[..], &[None, None, None, Some(1.0)]].concat()));
-        for frames in 2..60 {
-            let two_of_three: Vec<_> = (0..frames).map(|frame| (frame % 3 != 1).then_some(1.0)).collect();
-            assert!(!is_sure_after(&two_of_three), "{frames}");
-        }
     }
 
     #[test]
