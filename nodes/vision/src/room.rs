@@ -17,7 +17,7 @@ const EDGE_STRIP_PX: f64 = 4.0;
 const NEAR_M: f64 = 0.004;
 /// How much brighter or darker than shade something must be to be no shade, beyond what makes it stand out: relative to the
 /// plateau's brightness.
-const OBSTACLE_TOLERANCE: f32 = 0.04;
+const OBSTACLE_TOLERANCE: f32 = 0.02;
 
 /// Foreground that may be a part's own shade: the pixel of the window, its place, and the parts within whose reach it lies.
 struct Shade {

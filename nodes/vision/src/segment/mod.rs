@@ -211,15 +211,10 @@ impl Segmentation {
                     let radius_m = point.coords.norm();
                     let from_walls_m = (geometry.outer_radius_m - radius_m).min(radius_m - geometry.inner_radius_m);
                     if from_walls_m.min(view.tray.inside_sector_m(point)) > strip_m {
-                        // At its ends a thing is blurred: it is as bright as what follows.
-                        let near = place.max(start + 1) - 1..(place + 2).min(column);
-                        let levels = near.map(|column| {
-                            let index = row * width + column;
-                            f32::from(self.relative[index]) / RELATIVE_UNITS - self.wall_shade(index)
-                        });
-                        let level = levels.fold(0.0_f32, |a, b| if b.abs() > a.abs() { b } else { a });
+                        let index = row * width + place;
+                        let level = f32::from(self.relative[index]) / RELATIVE_UNITS - self.wall_shade(index);
                         let px = (place + 1).saturating_sub(counted);
-                        points.push(Uncovered { pixel: row * width + place, place: point, level, px });
+                        points.push(Uncovered { pixel: index, place: point, level, px });
                         counted = place + 1;
                     }
                 }

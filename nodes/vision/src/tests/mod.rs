@@ -126,7 +126,7 @@ fn the_shaded_edge_of_a_thing_is_part_of_it() {
     let mut image = simple_picture(&[part]);
     let scene = scene(&GROMMET, 2.0);
     let view = view::View { camera: &scene.camera, tray: &scene.tray, platen_from_tray: over_camera() };
-    // A dark bar 1.8 mm beside the part, and before it for 1 mm a rim that is no darker than a shade may be.
+    // A dark bar 1.5 mm beside the part, and before it for 0.7 mm a rim that is no darker than a shade may be.
     let middle = view.pixel(part.place, scene.tray.plateau_height_m()).unwrap();
     let m_per_px = scene.camera.m_per_px(scene.tray.plateau_height_m());
     for (x, y, level) in image.enumerate_pixels_mut() {
@@ -134,7 +134,7 @@ fn the_shaded_edge_of_a_thing_is_part_of_it() {
         if (f64::from(y) - middle.y).abs() * m_per_px > 0.004 || beyond_m > 0.006 {
             continue;
         }
-        if beyond_m > 0.001_8 {
+        if beyond_m > 0.001_5 {
             level.0[0] = 20;
         } else if beyond_m > 0.000_8 {
             level.0[0] -= level.0[0] / 11;
