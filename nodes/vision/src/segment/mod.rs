@@ -254,9 +254,8 @@ mod tests {
 
     use super::*;
 
-    #[test]
-    fn the_plateau_is_mapped_anew_for_another_place_and_for_other_walls() {
-        let camera = CameraModel::new(CameraSpec {
+    fn camera() -> CameraModel {
+        CameraModel::new(CameraSpec {
             width_px: 640,
             height_px: 480,
             focal_length_px: None,
@@ -265,7 +264,37 @@ mod tests {
             distortion: Distortion::default(),
             pose: CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 },
         })
-        .unwrap();
+        .unwrap()
+    }
+
+    /// A part's shade is compared with what is seen: it must not be told of one pixel what is seen at another.
+    #[test]
+    fn what_stands_out_is_as_bright_as_it_is_seen_at_that_pixel() {
+        let camera = camera();
+        let (tray, rays) = (MountedTray::new(TrayGeometry::PAPER), RayTable::new(&camera));
+        let view = View { camera: &camera, tray: &tray, platen_from_tray: Isometry2::new(Vector2::new(0.3, 0.3), 0.0) };
+        let height_m = tray.plateau_height_m();
+        let middle = view.pixel(Point2::new(0.0, -0.06), height_m).unwrap();
+        // A slope that grows darker by two grey levels a pixel.
+        let left = (0..640).find(|x| f64::from(*x) > middle.x - 20.0).unwrap();
+        let image = GrayImage::from_fn(640, 480, |x, y| {
+            let is_slope = (left..left + 40).contains(&x) && (f64::from(y) - middle.y).abs() < 10.0;
+            image::Luma([if is_slope { 150 - 2 * u8::try_from(x.abs_diff(left)).unwrap() } else { 200 }])
+        });
+        let mut frame = Segmentation::default();
+        frame.look(&view, &rays, &image, &Plateau::unknown(), Light::Taught, 10.0, 9).unwrap();
+        let points = frame.foreground_points(&view, height_m, 0.0, &vec![0; frame.window.len()]);
+        let seen =
+            |point: &Uncovered| f32::from(frame.relative[point.pixel]) / RELATIVE_UNITS - frame.wall_shade(point.pixel);
+        assert!(points.len() > 500, "{}", points.len());
+        for point in &points {
+            assert!((point.level - seen(point)).abs() < 1e-6, "{point:?} {}", seen(point));
+        }
+    }
+
+    #[test]
+    fn the_plateau_is_mapped_anew_for_another_place_and_for_other_walls() {
+        let camera = camera();
         let (tray, rays) = (MountedTray::new(TrayGeometry::PAPER), RayTable::new(&camera));
         let image = GrayImage::from_pixel(640, 480, image::Luma([100]));
         let bright = Plateau::unknown();
