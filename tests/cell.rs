@@ -107,6 +107,7 @@ fn a_walled_off_station_is_refused_when_it_asks_and_others_are_served() {
     assert_eq!(outcome.summary()["failed"].as_object().unwrap().len(), 0, "{}", outcome.summary());
     let said = ["\"station_2\" cannot be served", "no part: the feeder refused the request"];
     assert!(said.iter().all(|said| outcome.stderr.contains(said)), "{}", outcome.stderr);
+    assert_eq!(outcome.stderr.matches("no part:").count(), 1, "it asks every second: {}", outcome.stderr);
 }
 
 /// The courier comes to rest where the camera sees the part again, from another side.

@@ -92,6 +92,8 @@ pub struct OverheadManipulator {
     config: OverheadManipulatorConfig,
     random: Pcg64Mcg,
     goals: Vec<OpenGoal>,
+    /// Why there was no part last, until there is one: said once, however often it is asked for.
+    no_part: Option<String>,
     /// What the manipulator is to hear of itself in the next step.
     own_events: Vec<Event>,
     gripping: Option<CallId>,
@@ -146,6 +148,7 @@ impl FeederNode for OverheadManipulator {
             random: generator(config.seed, &config.station),
             config: config.clone(),
             goals: Vec::new(),
+            no_part: None,
             own_events: Vec::new(),
             gripping: None,
             reports: VecDeque::new(),
@@ -189,6 +192,7 @@ impl OverheadManipulator {
                             && let Some(part) = presented(feedback, self.config.jaws_yaw_rad)
                         {
                             goal.delivery_id = Some(part.delivery_id.clone());
+                            self.no_part = None;
                             events.push(Event::Presented(part));
                         }
                         continue;
@@ -202,7 +206,10 @@ impl OverheadManipulator {
                 let Some(index) = self.goals.iter().position(|goal| goal.id == id) else { continue };
                 let goal = self.goals.swap_remove(index);
                 let Some(reason) = end else { continue };
-                tracing::warn!("no part: {reason}");
+                if self.no_part.as_ref() != Some(&reason) {
+                    tracing::warn!("no part: {reason}");
+                    self.no_part = Some(reason.clone());
+                }
                 events.push(match goal.delivery_id {
                     None => Event::NoPart(reason),
                     Some(delivery_id) => Event::Withdrawn { delivery_id },

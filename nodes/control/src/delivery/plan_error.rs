@@ -43,7 +43,7 @@ pub enum PlanError {
         to_m: [f64; 2],
     },
     /// A part that slides even on a courier at rest.
-    #[error("friction {friction} does not hold the part at ({x_m:.4}, {y_m:.4}) m in the tray even at rest")]
+    #[error("friction {friction:.4} does not hold the part at ({x_m:.4}, {y_m:.4}) m in the tray even at rest")]
     CannotHold {
         /// The coefficient of friction.
         friction: f64,
