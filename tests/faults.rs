@@ -102,7 +102,7 @@ fn nodes_leave_when_feeder_up_is_killed() {
     assert!(!run.outcome().status.success());
 }
 
-/// The selector has nothing but the image: without light nothing is selected, although parts go by.
+/// The selector has nothing but the image: without light nothing is selected, although parts go by; and nobody counts them.
 #[test]
 fn a_blind_camera_stops_selection() {
     let mut scenario = Scenario::default();
@@ -114,6 +114,8 @@ fn a_blind_camera_stops_selection() {
     assert!(outcome.number("fed") >= 3.0, "{}", outcome.summary());
     let missed = &outcome.summary()["feeding"][0]["missed_selections"];
     assert!(missed.as_u64().unwrap() >= 1, "{}", outcome.summary());
+    assert!(outcome.stderr.contains("nothing is selected: the plateau is black"), "{}", outcome.stderr);
+    assert!(!outcome.stderr.contains("come up the ramp"), "{}", outcome.stderr);
 }
 
 #[test]

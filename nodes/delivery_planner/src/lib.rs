@@ -100,7 +100,7 @@ pub struct DeliveryPlanner {
     /// When that was, ns.
     said_ns: u64,
     said_state: Option<FeederReport>,
-    /// What the selector says where much lies on the plateau and nothing of it is recognised in the latest image.
+    /// What the selector says where the latest image does not tell what lies on the plateau.
     unrecognised: Option<String>,
     fact: Factsheet,
     said_fact: bool,

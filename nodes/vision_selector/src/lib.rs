@@ -240,7 +240,7 @@ impl VisionSelector {
                 }
                 (picture.tracked, self.sight.worth(), None)
             }
-            Err(fault) => (Vec::new(), ImageWorth::default(), Some(fault)),
+            Err(fault) => (Vec::new(), ImageWorth::none(fault.to_string()), Some(fault)),
         };
         self.tell(io, fault);
         let seen = self.names.seen(&tracked, &self.sight.selector);

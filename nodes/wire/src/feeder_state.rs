@@ -19,7 +19,7 @@ pub enum Condition {
     Starved,
     /// No fitting part comes, and parts do not move as the waveform should move them.
     BadlyFed,
-    /// No fitting part comes, though much lies on the plateau: the selector does not recognise it.
+    /// No fitting part comes, and what lies on the plateau is not recognised, or the images tell nothing of it.
     Unrecognised,
     /// A fault stopped it.
     Fault,

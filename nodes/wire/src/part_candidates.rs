@@ -36,20 +36,27 @@ pub struct ImageWorth {
     pub covered_ratio: f64,
     /// Share of that which recognised parts account for, 0 to 1; 1 where nothing lies.
     pub explained_ratio: f64,
-    /// Much lies there and next to nothing of it is recognised.
+    /// That no part is seen does not mean that none is there: much lies there and next to nothing of it is recognised, or the image
+    /// tells nothing of the plateau.
     pub is_blind: bool,
     /// What makes the image doubtful, in words.
     pub doubts: Vec<String>,
 }
 
 impl Default for ImageWorth {
-    /// Of an image that shows nothing, and of one that was not looked at.
+    /// Of an image that shows a bare plateau.
     fn default() -> Self {
         Self { covered_ratio: 0.0, explained_ratio: 1.0, is_blind: false, doubts: Vec::new() }
     }
 }
 
 impl ImageWorth {
+    /// Of an image that tells nothing of the plateau, by the reason.
+    #[must_use]
+    pub fn none(reason: String) -> Self {
+        Self { is_blind: true, doubts: vec![reason], ..Self::default() }
+    }
+
     /// What a message says of its image.
     #[must_use]
     pub fn of_message(message: &PartCandidates) -> Self {

@@ -38,7 +38,7 @@ pub struct CandidateFrame {
     pub stamp: Stamp,
     /// The parts in it, and things that may be parts, that lie wholly on the plateau.
     pub candidates: Vec<OfferedPart>,
-    /// Much lies on the plateau and next to nothing of it is recognised: nothing seen does not mean that nothing is there.
+    /// Nothing seen does not mean that nothing is there: what lies on the plateau is not recognised, or the image tells nothing of it.
     pub is_blind: bool,
 }
 
