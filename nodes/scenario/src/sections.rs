@@ -108,7 +108,7 @@ impl TimeSection {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CameraSection {
-    /// Time between frames, ms; a whole number of ticks.
+    /// Time between frames, ms; a whole number of ticks, 500 at most: seen less often, parts that are fed are not known again.
     pub period_ms: u64,
     /// Quality of the compressed image, 1 to 100.
     pub jpeg_quality: u8,

@@ -1,8 +1,9 @@
 //! What a scenario must hold to make sense: every value in its range, and values that go with each other.
 
+use feeder_control::delivery::Policy;
 use feeder_model::part::PartType;
 use feeder_model::range::check_range;
-use feeder_vision::{PartModel, Selector};
+use feeder_vision::{PartModel, Selector, UNSEEN_MS_MAX};
 
 use crate::error::{ScenarioError, check_count, check_name, invalid};
 use crate::{Scenario, Source, placed};
@@ -32,6 +33,7 @@ impl Scenario {
         self.delivery.validate().map_err(|error| invalid("delivery", &error))?;
         check_range("part_friction", self.believed_friction_min(&part), 0.01, 5.0)
             .map_err(|error| invalid("believed", &error))?;
+        self.validate_held(&part)?;
         self.validate_stations(&part)?;
         self.validate_cell(&part)
     }
@@ -55,7 +57,8 @@ impl Scenario {
     }
 
     fn validate_camera(&self, part: &PartType) -> Result<(), ScenarioError> {
-        check_count("camera", "period_ms", self.camera.period_ms, self.time.tick_ms, 10_000)?;
+        // Seen less often, parts that are fed are not known again from image to image.
+        check_count("camera", "period_ms", self.camera.period_ms, self.time.tick_ms, UNSEEN_MS_MAX)?;
         if !self.camera.period_ms.is_multiple_of(self.time.tick_ms) {
             let problem =
                 format!("period_ms = {} is no multiple of time.tick_ms = {}", self.camera.period_ms, self.time.tick_ms);
@@ -64,6 +67,22 @@ impl Scenario {
         check_count("camera", "jpeg_quality", self.camera.jpeg_quality.into(), 1, 100)?;
         self.scene(part).validate().map_err(|error| invalid("camera", &error))?;
         self.world_scene(part)?.validate().map_err(|error| invalid("world", &error))
+    }
+
+    /// Checks that the tray at rest holds the parts on the ramp that moves must not disturb: else there is no move to any
+    /// station, however gentle.
+    fn validate_held(&self, part: &PartType) -> Result<(), ScenarioError> {
+        let from_m = self.delivery.protected_ramp_radius_m;
+        let slope = self.tray.geometry.ramp_slope_rad(from_m).tan();
+        let friction_min = self.believed_friction_min(part);
+        if self.stations.is_empty() || self.delivery.policy == Policy::Selected || friction_min > slope {
+            return Ok(());
+        }
+        let problem = format!(
+            "policy: all holds parts on the ramp from protected_ramp_radius_m = {from_m} on, and those slide there: the least \
+             friction of the part is {friction_min:.4}, allowed is above {slope:.4}; policy: selected does not hold them"
+        );
+        Err(ScenarioError::Invalid { section: "delivery", problem })
     }
 
     fn validate_stations(&self, part: &PartType) -> Result<(), ScenarioError> {
@@ -91,6 +110,14 @@ impl Scenario {
             gripper.map_err(|error| invalid(section, &format_args!("{}.{error}", station.name)))?;
             let checked = station.manipulator.validate();
             checked.map_err(|error| invalid(section, &format_args!("{}.manipulator: {error}", station.name)))?;
+            let (tolerance_m, min_m) = (station.manipulator.tolerance_m, self.delivery.tolerance_m_min);
+            if tolerance_m < min_m {
+                let problem = format!(
+                    "{}.manipulator.tolerance_m = {tolerance_m} is asked for, allowed is delivery.tolerance_m_min = {min_m} and more",
+                    station.name
+                );
+                return Err(ScenarioError::Invalid { section, problem });
+            }
         }
         Ok(())
     }

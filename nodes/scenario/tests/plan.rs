@@ -335,6 +335,36 @@ fn a_value_or_a_key_that_is_wrong_is_told_once_with_what_is_allowed() {
 }
 
 #[test]
+fn what_a_run_could_never_do_is_refused_before_it() {
+    let period = |ms: u64| changed("period_ms: 100", &format!("period_ms: {ms}"));
+    let refused = period(510).unwrap_err().to_string();
+    assert!(refused.contains("camera: period_ms = 510 is outside its range: 10 to 500"), "{refused}");
+    period(500).unwrap();
+    let tolerance =
+        |m: f64| changed("      goals_open: 4\n", &format!("      goals_open: 4\n      tolerance_m: {m}\n"));
+    let refused = tolerance(0.000_19).unwrap_err().to_string();
+    assert!(refused.contains("station_1.manipulator.tolerance_m = 0.00019"), "{refused}");
+    assert!(refused.contains("tolerance_m_min = 0.0002"), "{refused}");
+    tolerance(0.000_2).unwrap();
+}
+
+#[test]
+fn parts_that_slide_down_the_ramp_at_rest_are_refused_where_moves_must_hold_them() {
+    let with = |friction: f64, policy: &str| {
+        let at_feeding = "  feeding_place: [-0.1, 0.0, 0.0]\n";
+        let believed = format!("  policy: {policy}\n{at_feeding}believed: {{ part_friction: {friction} }}\n");
+        changed(&format!("  policy: all\n{at_feeding}"), &believed)
+    };
+    // Known to 10 %; the ramp rises by 20 mm over half a turn, which is 0.1061 at 60 mm.
+    let refused = with(0.1178, "all").unwrap_err().to_string();
+    assert!(refused.contains("delivery") && refused.contains("0.1060, allowed is above 0.1061"), "{refused}");
+    with(0.118, "all").unwrap();
+    // Under another policy, or further in, they may slide.
+    with(0.1178, "selected").unwrap();
+    with(0.1178, "all\n  protected_ramp_radius_m: 0.065").unwrap();
+}
+
+#[test]
 fn feeders_stand_on_the_platen_where_nothing_is_kept_out() {
     let platen =
         |keep_out: &str| changed("parts_loaded:", &format!("platen:\n  keep_out:\n    - {keep_out}\nparts_loaded:"));

@@ -63,7 +63,7 @@ pub use teach::{
     TeachError, TeachFrame, TeachSpec, fit_clicks, teach, teach_from_clicks,
 };
 pub use template::{LIGHTS_ALL_ROUND, LitPicture, PartModel, Plane, PoseTemplate};
-pub use track::{TrackedCandidate, TrackerConfig};
+pub use track::{TrackedCandidate, TrackerConfig, UNSEEN_MS_MAX};
 
 /// Why a frame yields no candidates.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -177,8 +177,10 @@ fn turned(place: Point2<f64>, turn_rad_s: f64) -> [f64; 2] {
     [-turn_rad_s * place.y, turn_rad_s * place.x]
 }
 
-/// Parts that were fed unseen for longer than this are not known again, s.
-const UNSEEN_S_MAX: f64 = 0.5;
+/// Parts that were fed unseen for longer than this are not known again, ms.
+pub const UNSEEN_MS_MAX: u64 = 500;
+/// The same, s, with what stamps are rounded by.
+const UNSEEN_S_MAX: f64 = 1e-3 * UNSEEN_MS_MAX as f64 + 1e-6;
 /// Slower turns of all parts are none, rad/s.
 const STILL_RAD_S: f64 = 0.01;
 /// By how much faster or slower a part may become with the others from one frame to the next, as a factor.

@@ -7,7 +7,7 @@ use feeder_scenario::ScenarioError;
 use feeder_scenario::plan::VisionSelectorConfig;
 use feeder_vision::{
     CalibrationFault, CalibrationWatch, HealthCause, HealthWatch, ImageFault, NoPose, PictureError, PoseHistory,
-    RawPicture, Selector, ToldOptics, ToldOtherwise, TrackedCandidate, binned, decode, draw_overlay,
+    RawPicture, Selector, ToldOptics, ToldOtherwise, TrackedCandidate, UNSEEN_MS_MAX, binned, decode, draw_overlay,
 };
 use feeder_wire::part_candidates::ImageWorth;
 use feeder_wire::pictures::{self, Encoding};
@@ -19,7 +19,10 @@ use nalgebra::Isometry2;
 use crate::SILENT_PERIODS;
 
 /// Kinds of warnings.
-pub(crate) const WARNINGS: usize = 3;
+pub(crate) const WARNINGS: usize = 4;
+
+/// So many images in a row that come too seldom are no accident.
+const SELDOM_MIN: u32 = 5;
 
 /// An image as the camera sent it.
 pub(crate) enum Frame {
@@ -116,6 +119,8 @@ pub(crate) struct Sight {
     /// Stamp of the latest image, and of the latest in which tracks were followed, ns.
     latest_ns: u64,
     followed_ns: u64,
+    /// Images in a row before which parts were fed unseen for too long to be known again.
+    seldom: u32,
     /// What the camera said last of itself, without its stamp, and how that contradicts the scenario.
     info: Option<CameraInfo>,
     told_otherwise: Option<ToldOtherwise>,
@@ -132,6 +137,7 @@ impl Sight {
             health: HealthWatch::default(),
             latest_ns: 0,
             followed_ns: 0,
+            seldom: 0,
             info: None,
             told_otherwise: None,
         })
@@ -161,6 +167,9 @@ impl Sight {
             calibration.map(|misalignment| format!("the camera drifts off its calibration: {misalignment}")),
             self.told_otherwise.as_ref().map(ToString::to_string),
             self.doubts(),
+            (self.seldom >= SELDOM_MIN).then(|| {
+                format!("images come more than {UNSEEN_MS_MAX} ms apart while parts are fed: they are not known again from one to the next")
+            }),
         ]
     }
 
@@ -219,7 +228,10 @@ impl Sight {
         let image = frame.grey().map_err(|error| LookError::Decode(error.to_string()))?;
         let image = binned(image, (camera.width_px(), camera.height_px()));
         // A picture in which no plateau is to be seen says that first, and where the rim is not after it.
-        self.selector.note_shaken(self.poses.shaken_since(self.followed_ns));
+        let shaken = self.poses.shaken_since(self.followed_ns);
+        let unseen_ms = stamp_ns.saturating_sub(self.followed_ns) / 1_000_000;
+        self.seldom = if shaken && unseen_ms > UNSEEN_MS_MAX { self.seldom.saturating_add(1) } else { 0 };
+        self.selector.note_shaken(shaken);
         self.followed_ns = stamp_ns;
         let tracked = self.selector.process(stamp_s, &image, &platen_from_tray)?;
         self.health.note(self.selector.health());

@@ -270,3 +270,25 @@ fn a_frame_that_comes_twice_or_late_is_not_new_and_one_after_a_gap_is() {
     // A stamp from the future stops nothing.
     assert_eq!([99, 7, 7].map(new), [true, true, false]);
 }
+
+#[test]
+fn images_too_seldom_to_follow_parts_that_are_fed_are_told_of_and_those_of_a_tray_at_rest_are_not() {
+    // So many images, so far apart; the tray vibrates between them if it `feeds`.
+    let told = |images: u64, apart_ms: u64, feeds: bool| {
+        let (mut sight, good) = sight();
+        for image in 1..=images {
+            let at_ns = (1_000 + image * apart_ms) * 1_000_000;
+            for before_ns in [20_000_000, 10_000_000, 0] {
+                let mut pose = standing(at_ns - before_ns);
+                pose.velocity.z = if feeds { 0.3 } else { 0.0 };
+                sight.poses.note(pose);
+            }
+            sight.look(&message_at(at_ns, &good)).unwrap();
+        }
+        sight.warnings().into_iter().flatten().any(|warning| warning.contains("images come more than 500 ms apart"))
+    };
+    assert!(told(5, 510, true));
+    assert!(!told(4, 510, true));
+    assert!(!told(6, 500, true));
+    assert!(!told(6, 1_000, false));
+}
