@@ -67,6 +67,22 @@ fn a_purge_does_not_take_a_plateau_on_which_nothing_is_recognised_for_an_empty_o
 }
 
 #[test]
+fn nobody_is_told_to_load_parts_where_it_is_not_known_what_lies_there() {
+    for (is_blind, told) in [(true, 0), (false, 1)] {
+        let mut hand = ByHand::new(config(), 0.5e-3, None);
+        let is_starved = |output: &Output| matches!(output, Output::Warning(Warning::Starved(_)));
+        let mut warned = 0;
+        for second in 2..40 {
+            let s = f64::from(second);
+            hand.sequencer.candidates(CandidateFrame { stamp: at(s), candidates: Vec::new(), is_blind });
+            warned += hand.step(s).iter().filter(|output| is_starved(output)).count();
+        }
+        assert_eq!(warned, told, "{is_blind}");
+        assert!(hand.sequencer.is_starved());
+    }
+}
+
+#[test]
 fn what_comes_late_and_is_older_is_passed_over() {
     let mut hand = ByHand::new(config(), 0.5e-3, None);
     hand.step(1.06);

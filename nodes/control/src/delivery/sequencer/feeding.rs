@@ -42,8 +42,9 @@ impl DeliverySequencer {
         }
         self.still_told = still;
         if !starved && self.starves(now, since) {
-            // Where the cause is known it has been told, and it is not that parts are needed.
-            if self.feed_trouble().is_none() {
+            // Where the cause is known it has been told, by the selector where it is blind, and it is not that parts are needed.
+            let is_blind = self.frame.as_ref().is_some_and(|frame| frame.is_blind);
+            if self.feed_trouble().is_none() && !is_blind {
                 self.outputs.push(Output::Warning(Warning::Starved(now.saturating_sub(since))));
             }
             return self.enter(SequencerState::Feeding { since, starved: true }, None);
