@@ -2,7 +2,7 @@
 
 use feeder_control::delivery::Policy;
 use feeder_model::part::PartType;
-use feeder_model::range::check_range;
+use feeder_model::range::{OutOfRange, check_range};
 use feeder_vision::{PartModel, Selector, UNSEEN_MS_MAX};
 
 use crate::error::{ScenarioError, check_count, check_name, invalid};
@@ -111,13 +111,9 @@ impl Scenario {
             let checked = station.manipulator.validate();
             checked.map_err(|error| invalid(section, &format_args!("{}.manipulator: {error}", station.name)))?;
             let (tolerance_m, min_m) = (station.manipulator.tolerance_m, self.delivery.tolerance_m_min);
-            if tolerance_m < min_m {
-                let problem = format!(
-                    "{}.manipulator.tolerance_m = {tolerance_m} is asked for, allowed is delivery.tolerance_m_min = {min_m} and more",
-                    station.name
-                );
-                return Err(ScenarioError::Invalid { section, problem });
-            }
+            let allowed = format_args!("delivery.tolerance_m_min = {min_m} and more");
+            OutOfRange::unless(tolerance_m >= min_m, "manipulator.tolerance_m", tolerance_m, allowed)
+                .map_err(|error| invalid(section, &format_args!("{}.{error}", station.name)))?;
         }
         Ok(())
     }
