@@ -1,12 +1,12 @@
 //! Another agent's view of the protocol: a partner in Python, with Cyclone DDS and without our crates, at a station of its
 //! own.
 
-use std::sync::mpsc::channel;
+use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
-use feeder_runtime::dds::{Participant, Qos};
+use feeder_runtime::dds::{Participant, Qos, Reader};
 use feeder_scenario::{Recipe, Scenario};
-use feeder_wire::services;
+use feeder_wire::{services, topics};
 use minifactory_msgs::action::{DeliverPart, DeliverPartFeedback, DeliverPartGoal, DeliverPartResult};
 use minifactory_msgs::action_msgs::msg::GoalStatus;
 use minifactory_msgs::action_msgs::srv::{CancelGoal, CancelGoalRequest, CancelGoalResponse};
@@ -18,7 +18,7 @@ use rustix::process::Signal;
 use serde_json::{Value, json};
 
 use crate::common::{FEEDER, Up, python, wait_for};
-use crate::wall_clock::{call, participant};
+use crate::wall_clock::{call, hear, participant};
 
 /// Wall time after which the agent gives up.
 const PATIENCE: Duration = Duration::from_secs(400);
@@ -99,28 +99,37 @@ fn an_agent_without_our_crates_takes_parts_and_learns_why_not() {
     }
 }
 
+/// What asks for a delivery and says whether that is accepted, what is told of it, and what keeps that coming.
+fn goals(agent: &Participant) -> (impl Fn(UUID) -> bool, Receiver<(UUID, DeliverPartFeedback)>, Reader) {
+    let action = format!("{}/_action", services::DELIVER_PART.name_in(FEEDER));
+    let (sender, fed_back) = channel();
+    let dds_type = <<DeliverPart as Action>::FeedbackMessage as Message>::INFO.dds_type();
+    let reader = agent.reader(&format!("{action}/feedback"), &dds_type, &Qos::command(), move |sample| {
+        // A closed channel belongs to a test that has seen enough.
+        let _ = sender.send(sample.decode::<<DeliverPart as Action>::FeedbackMessage>().unwrap().into());
+    });
+    let client = agent.service_client::<<DeliverPart as Action>::SendGoal>(&format!("{action}/send_goal")).unwrap();
+    let send = move |goal: UUID| {
+        let wanted = DeliverPartGoal { station: "station_1".into(), tolerance_m: 0.001, ..DeliverPartGoal::default() };
+        let (accepted, _): (bool, _) = client.call(&(goal, wanted).into(), PATIENCE).wait().unwrap().into();
+        accepted
+    };
+    (send, fed_back, reader.unwrap())
+}
+
 /// Every process has a DDS participant of its own.
 #[test]
 fn a_delivery_belongs_to_the_process_that_asked_for_it() {
     const GOAL: UUID = UUID { uuid: [7; 16] };
     let run = Up::new("--duration 86400 --speed 1 --composed").start();
     let (owner, other) = (participant(run.domain()), participant(run.domain()));
-    let action = format!("{}/_action", services::DELIVER_PART.name_in(FEEDER));
-    let (sender, fed_back) = channel();
-    let dds_type = <<DeliverPart as Action>::FeedbackMessage as Message>::INFO.dds_type();
-    let _reader = owner.reader(&format!("{action}/feedback"), &dds_type, &Qos::command(), move |sample| {
-        // A closed channel belongs to a test that has seen enough.
-        let _ = sender.send(sample.decode::<<DeliverPart as Action>::FeedbackMessage>().unwrap());
-    });
-    let send = owner.service_client::<<DeliverPart as Action>::SendGoal>(&format!("{action}/send_goal")).unwrap();
-    let wanted = DeliverPartGoal { station: "station_1".into(), tolerance_m: 0.001, ..DeliverPartGoal::default() };
-    let (accepted, _): (bool, _) = send.call(&(GOAL, wanted).into(), PATIENCE).wait().unwrap().into();
-    assert!(accepted, "{}", run.stderr());
+    let (send, fed_back, _reader) = goals(&owner);
+    assert!(send(GOAL), "{}", run.stderr());
     let delivery_id = wait_for("the delivery's name", || {
-        let all = fed_back.try_iter().map(Into::<(UUID, DeliverPartFeedback)>::into);
-        all.filter(|(goal, _)| *goal == GOAL).map(|(_, feedback)| feedback.delivery_id).last()
+        fed_back.try_iter().filter(|(goal, _)| *goal == GOAL).map(|(_, feedback)| feedback.delivery_id).last()
     });
 
+    let action = format!("{}/_action", services::DELIVER_PART.name_in(FEEDER));
     let cancel = |who: &Participant| {
         let client = who.service_client::<CancelGoal>(&format!("{action}/cancel_goal")).unwrap();
         let mut request = CancelGoalRequest::default();
@@ -135,6 +144,28 @@ fn a_delivery_belongs_to_the_process_that_asked_for_it() {
     assert!(!too_soon.accepted && !too_soon.message.contains("another client"), "{too_soon:?}");
     assert_eq!(cancel(&other), (CancelGoalResponse::ERROR_REJECTED, 0));
     assert_eq!(cancel(&owner), (CancelGoalResponse::ERROR_NONE, 1));
+    run.process().signal(Signal::INT);
+    assert!(run.outcome().status.success());
+}
+
+/// Who asks while a trip of others is under way may have to wait for long before the phase of his delivery changes.
+#[test]
+fn an_accepted_goal_is_told_of_at_once_while_others_are_served() {
+    let run = Up::new("--duration 86400 --speed 1 --composed").start();
+    let agent = participant(run.domain());
+    let (_states_reader, states) = hear(&agent, &topics::DELIVERY_STATE, FEEDER);
+    let (send, fed_back, _feedback_reader) = goals(&agent);
+    let waits = (1..=5).any(|index| {
+        wait_for("a part that is presented", || {
+            states.try_iter().find(|state| state.phase == DeliveryState::PRESENTED)
+        });
+        let goal = UUID { uuid: [index; 16] };
+        assert!(send(goal), "{}", run.stderr());
+        let first = wait_for("feedback on the goal", || fed_back.try_iter().find(|(of, _)| *of == goal));
+        // On a busy machine the trip may be over by then.
+        first.1.phase == DeliveryState::IDLE && !first.1.delivery_id.is_empty()
+    });
+    assert!(waits, "{}", run.stderr());
     run.process().signal(Signal::INT);
     assert!(run.outcome().status.success());
 }

@@ -49,6 +49,7 @@ impl DeliveryPlanner {
                             self.said.accepted += 1;
                             self.deliveries.insert(id, Open { goal: request.id, station, owner });
                             self.deliver.accept(io, request);
+                            self.tell_accepted(io, id);
                         }
                         Err(reason) => self.deliver.reject(io, request, &reason),
                     }
@@ -203,21 +204,39 @@ impl DeliveryPlanner {
         match (phase, delivery) {
             // What is presented is told with the part's place.
             (Phase::Presented | Phase::Idle | Phase::Returning | Phase::Purging | Phase::Fault, _) => {}
-            (_, Some(id)) => self.tell_progress(io, id, eta, None),
+            (phase, Some(id)) => self.tell_progress(io, id, phase, eta, None),
             // Feeding serves all; the time is that of the oldest.
-            (_, None) => {
+            (phase, None) => {
                 let open: Vec<DeliveryId> = self.sequencer.open().map(|(id, _)| id).collect();
                 for (index, id) in open.into_iter().enumerate() {
-                    self.tell_progress(io, id, eta.filter(|_| index == 0), None);
+                    self.tell_progress(io, id, phase, eta.filter(|_| index == 0), None);
                 }
             }
         }
     }
 
-    fn tell_progress(&self, io: &mut StepIo, id: DeliveryId, eta: Option<Duration>, part: Option<PresentedPart>) {
+    /// Tells who asks that his delivery is open: its phase may not change for long.
+    fn tell_accepted(&self, io: &mut StepIo, id: DeliveryId) {
+        let phase = match self.said.phase {
+            // These serve all that are open.
+            Phase::Feeding | Phase::Stopping | Phase::Settling | Phase::Looking => self.said.phase,
+            // The trip is others'.
+            _ => Phase::Idle,
+        };
+        self.tell_progress(io, id, phase, None, None);
+    }
+
+    fn tell_progress(
+        &self,
+        io: &mut StepIo,
+        id: DeliveryId,
+        phase: Phase,
+        eta: Option<Duration>,
+        part: Option<PresentedPart>,
+    ) {
         if let Some(open) = self.deliveries.get(&id) {
             let delivery_id = deliver_part::name_of(id.0);
-            let progress = DeliveryProgress { phase: self.said.phase, eta, delivery_id, part };
+            let progress = DeliveryProgress { phase, eta, delivery_id, part };
             self.deliver.feedback(io, open.goal, deliver_part::to_feedback(&progress));
         }
     }
@@ -231,7 +250,7 @@ impl DeliveryPlanner {
             pose_class: candidate.pose_class.clone(),
         });
         self.publish_delivery_state(io);
-        self.tell_progress(io, id, Some(Duration::ZERO), Some(presented_part(delivered)));
+        self.tell_progress(io, id, Phase::Presented, Some(Duration::ZERO), Some(presented_part(delivered)));
     }
 
     pub(crate) fn finish(&mut self, io: &mut StepIo, id: DeliveryId, result: &Result<Delivered, Failure>) {
