@@ -204,9 +204,9 @@ impl DeliveryPlanner {
         match (phase, delivery) {
             // What is presented is told with the part's place.
             (Phase::Presented | Phase::Idle | Phase::Returning | Phase::Purging | Phase::Fault, _) => {}
-            (phase, Some(id)) => self.tell_progress(io, id, phase, eta, None),
+            (_, Some(id)) => self.tell_progress(io, id, phase, eta, None),
             // Feeding serves all; the time is that of the oldest.
-            (phase, None) => {
+            (_, None) => {
                 let open: Vec<DeliveryId> = self.sequencer.open().map(|(id, _)| id).collect();
                 for (index, id) in open.into_iter().enumerate() {
                     self.tell_progress(io, id, phase, eta.filter(|_| index == 0), None);
