@@ -66,7 +66,7 @@ struct Check {
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum End {
-    /// By itself, and well. It only looks, and may be tried again.
+    /// By itself, and well. It only looks, or is refused without effect, and may be tried again.
     Look,
     /// By itself, and well. It changes something.
     Act,
@@ -313,7 +313,8 @@ fn simulation_checks() -> Vec<Check> {
         set("simulation, stop", 0, "result=1,"),
         call(Look, "simulation, stopped", "/get_simulation_state", "GetSimulationState", "{}", &["state=0"]),
         set("simulation, play", 1, "result=1,"),
-        call(Act, "simulation, reset", "/reset_simulation", "ResetSimulation", "{}", &["result=1,"]),
+        // Refused while a part is carried to a station.
+        call(Look, "simulation, reset", "/reset_simulation", "ResetSimulation", "{}", &["result=1,"]),
         call(Look, "simulation, playing again", "/get_simulation_state", "GetSimulationState", "{}", &["state=1"]),
         call(Act, "simulation, reset in part", "/reset_simulation", "ResetSimulation", "{scope: 1}", &["result=0,"]),
     ]
@@ -414,9 +415,10 @@ impl Shell {
         // rmw_cyclonedds says of every endpoint that it has no type hash.
         let told: Vec<String> =
             read(&err).lines().filter(|line| !line.contains("parse type hash")).map(str::to_owned).collect();
-        let last = told.iter().rev().take(3).rev().cloned().collect::<Vec<_>>().join(" / ");
+        let said: Vec<String> = read(&out).lines().map(str::to_owned).collect();
+        let last = |lines: &[String]| lines[lines.len().saturating_sub(3)..].join(" / ");
         let ended = status.map_or_else(|| format!("did not end in {PATIENCE:?}"), |status| status.to_string());
-        Err(format!("{ended}; not said: {missing:?}; {last}"))
+        Err(format!("{ended}; not said: {missing:?}; said last: {}; errors: {}", last(&said), last(&told)))
     }
 }
 
