@@ -1,13 +1,16 @@
 //! Several stations and several feeders: the scenarios of a whole cell, and the figures that go with delivery.
 
 use std::path::{Path, PathBuf};
+use std::process::{Output, Stdio};
+use std::time::Duration;
 
 use feeder_control::platen::Area;
 use feeder_scenario::Scenario;
 use feeder_scenario::plan::DeliveryPlannerConfig;
+use rustix::process::Signal;
 use serde_json::Value;
 
-use crate::common::{Outcome, Up};
+use crate::common::{Outcome, Process, Up, simulated_time, wait_for};
 
 fn file(name: &str) -> PathBuf {
     Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("launch_configs").join(name)
@@ -152,4 +155,24 @@ fn the_planner_delivers_more_than_a_naive_one() {
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
     let comparison: Value = serde_json::from_slice(&ran.stdout).unwrap();
     assert!(comparison["gain"].as_f64().unwrap() > 1.1, "{comparison}");
+}
+
+/// A study gives no figures of a run that was cut short: they would stand under the name of the whole.
+#[test]
+fn an_interrupted_study_prints_no_row() {
+    let domain = feeder_runtime::testing::TestDomain::claim();
+    let study = crate::common::lab()
+        .args(["good-parts", "as-given", "--seeds", "1", "--duration", "86400", "--domain", &domain.id.to_string()])
+        .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let simulated = simulated_time(&domain);
+    wait_for("the run", || (simulated() > Duration::ZERO).then_some(()));
+    Process::new(study.id()).signal(Signal::INT);
+    let Output { status, stdout, stderr } = study.wait_with_output().unwrap();
+    let (rows, said) = (String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
+    assert!(!status.success() && said.contains("interrupted"), "{status}: {said}");
+    assert_eq!(rows.lines().count(), 2, "a head alone: {rows}");
 }

@@ -87,6 +87,23 @@ pub(crate) fn wait_for<T>(what: &str, mut found: impl FnMut() -> Option<T>) -> T
     }
 }
 
+/// What tells the simulated time that `/clock` has shown last.
+pub(crate) fn simulated_time(domain: &TestDomain) -> impl Fn() -> Duration + use<> {
+    let participant = Participant::open(domain, &NodeName::new("/test", "onlooker").unwrap()).unwrap();
+    let latest_ns = Arc::new(AtomicU64::new(0));
+    let seen = Arc::clone(&latest_ns);
+    let note = move |sample: feeder_runtime::dds::Sample| {
+        if let Ok(Clock { clock }) = sample.decode() {
+            seen.store(feeder_runtime::node::ns_of_stamp(&clock), Ordering::Relaxed);
+        }
+    };
+    let reader = participant.topic_reader(&CLOCK, "", note).unwrap();
+    move || {
+        let _kept = (&participant, &reader);
+        Duration::from_nanos(latest_ns.load(Ordering::Relaxed))
+    }
+}
+
 /// A run of `feeder up` to be started.
 pub(crate) struct Up {
     command: Command,
@@ -194,20 +211,11 @@ impl Run {
     /// Waits until `/clock` shows that so much simulated time has passed.
     #[track_caller]
     pub(crate) fn wait_until_simulated(&mut self, sim: Duration) {
-        let participant = Participant::open(&self.domain, &NodeName::new("/test", "onlooker").unwrap()).unwrap();
-        let latest_ns = Arc::new(AtomicU64::new(0));
-        let seen = Arc::clone(&latest_ns);
-        let _reader = participant
-            .topic_reader(&CLOCK, "", move |sample| {
-                if let Ok(Clock { clock }) = sample.decode() {
-                    seen.store(feeder_runtime::node::ns_of_stamp(&clock), Ordering::Relaxed);
-                }
-            })
-            .unwrap();
+        let simulated = simulated_time(&self.domain);
         wait_for("simulated time", || {
             let ended = self.child.try_wait().unwrap();
             assert!(ended.is_none(), "the run has ended already: {}", self.stderr());
-            (u128::from(latest_ns.load(Ordering::Relaxed)) >= sim.as_nanos()).then_some(())
+            (simulated() >= sim).then_some(())
         });
     }
 

@@ -8,6 +8,8 @@ use serde::Serialize;
 use feeder::summary::Summary;
 use feeder::up::{self, UpArgs};
 
+use crate::whole_run::whole_run;
+
 /// Run a scenario under the planner and under a naive one (one part a trip, fixed waits, trapezoids of speed at half of
 /// what friction holds), and print how both did.
 #[derive(Debug, Clone, clap::Args)]
@@ -59,8 +61,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let under = |planner: fn(DeliveryConfig) -> DeliveryConfig| {
         let mut scenario = up::load_scenario(&options)?;
         scenario.delivery = planner(scenario.delivery);
-        let ended = up::execute(&scenario.plan()?, &options, &stop)?;
-        ended.outcome.map(|()| ended.summary)
+        whole_run(&scenario.plan()?, &options, &stop).map(|(summary, _)| summary)
     };
     let (optimal, naive) = (under(|as_given| as_given)?, under(naive)?);
     let gain = optimal.delivered_per_minute / naive.delivered_per_minute;

@@ -10,6 +10,8 @@ use feeder::up::{self, UpArgs};
 use feeder_scenario::{Scenario, Station, WaveformSpec};
 use run_monitor::{FeederProgress, Oracle};
 
+use crate::whole_run::whole_run;
+
 /// Deliver parts in several set-ups, a run for each seed, and print good parts a minute beside what an oracle would have made
 /// of the same feed and moves
 #[derive(Debug, Clone, clap::Args)]
@@ -167,9 +169,8 @@ fn outcomes(args: &Args, scenario: &Scenario, stop: &Arc<AtomicBool>) -> anyhow:
     let options = UpArgs { domain: args.domain, composed: true, plain: true, ..UpArgs::default() };
     let mut outcomes = Vec::new();
     for seed in args.first_seed..args.first_seed + args.seeds {
-        let ended = up::execute(&Scenario { seed, ..scenario.clone() }.plan()?, &options, stop)?;
-        ended.outcome?;
-        let feeder = ended.progress.feeders.first().context("the run has no feeder")?;
+        let (_, progress) = whole_run(&Scenario { seed, ..scenario.clone() }.plan()?, &options, stop)?;
+        let feeder = progress.feeders.first().context("the run has no feeder")?;
         outcomes.push(Outcome::of(feeder, args.duration));
     }
     Ok(outcomes)

@@ -17,6 +17,7 @@ mod try_motors;
 mod try_suite;
 mod view_cost;
 mod vision;
+mod whole_run;
 
 use std::process::ExitCode;
 

@@ -12,6 +12,7 @@ use minifactory_msgs::msg::{CourierState, FeederState};
 use ros2_bags::{Bag, Query};
 
 use crate::experiment::motors::{self, Plant};
+use crate::whole_run::whole_run;
 
 /// Runs scenarios and variations of their motors with learning and with feedback alone: parts delivered, how far they slid,
 /// and what was said of the feed.
@@ -168,9 +169,8 @@ fn outcome(scenario: &Scenario, options: &UpArgs, folder: &Path, stop: &Arc<Atom
     let mut options = options.clone();
     options.recording.record = Some(folder.to_owned());
     options.recording.record_topics = Some(topics.to_vec());
-    let ended = up::execute(&scenario.plan()?, &options, stop)?;
-    ended.outcome?;
-    let summary = serde_json::to_value(&ended.summary)?;
+    let (summary, _) = whole_run(&scenario.plan()?, &options, stop)?;
+    let summary = serde_json::to_value(&summary)?;
     let count = |key: &str| summary[key].as_u64().with_context(|| format!("the summary has no {key}"));
     Ok(Outcome {
         delivered: count("delivered")?,
