@@ -41,6 +41,8 @@ const ALONE_COST_MAX: f32 = 1.25;
 const ALIKE_COUNT_MIN: usize = 2;
 const ALIKE_POSES_RATIO_MIN: f64 = 0.2;
 const ALIKE_YAWS_RATIO_MIN: f64 = 0.5;
+/// One part alone may look as taught by chance.
+const COMPANY_MIN: usize = 2;
 /// A part must fit worse at another yaw by this share of what its template says: half way between 0 for what looks the same at
 /// both and what blunt edges leave of 1.
 const YAW_LEAD_SHARE_MIN: f32 = 0.3;
@@ -99,6 +101,8 @@ pub(super) struct Judgement {
     pub health: FrameHealth,
     /// For each pose what three of four parts recognised in it miss by at least, of what they may; nothing where too few lie to tell.
     pub miss_ratios: Vec<Option<f64>>,
+    /// The same of the parts recognised in any pose; nothing of fewer than two.
+    pub miss_ratio: Option<f64>,
     /// For each pose, whether the light of the frame leaves it looking like another one, or the same the other way round.
     pub alike: Vec<bool>,
 }
@@ -139,8 +143,9 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
     let health = health(detector, view, config, (found, &recognition), &candidates, &room);
     let covered_px = covered_px(found, &room).max(1) as f64;
     let shares = px.into_iter().map(|px| px as f64 / covered_px).collect();
+    let miss_ratio = miss_ratio(detector, recognised(found, &recognition.known), COMPANY_MIN);
     let Recognition { miss_ratios, alike, .. } = recognition;
-    Judgement { candidates, shares, room, health, miss_ratios, alike }
+    Judgement { candidates, shares, room, health, miss_ratios, miss_ratio, alike }
 }
 
 /// Free gap from an outline to the nearer wall, m; nothing for one farther in a wall than is measured wrongly: a part cannot lie
@@ -201,16 +206,19 @@ fn health(
     }
 }
 
-/// What three of four parts recognised in each pose miss by at least, of what they may; nothing where too few of it lie to tell. (Some
-/// may smear as they move: light, lens and surface are the same for all.)
+/// What three of four parts recognised in each pose miss by at least, of what they may; nothing where too few of it lie to tell.
 fn miss_ratios(detector: &Detector, recognised: &[&Found]) -> Vec<Option<f64>> {
-    let of_pose = |pose: usize| {
-        let mut misses: Vec<f32> =
-            recognised.iter().filter(|part| part.pose == pose).map(|part| part.fit.cost).collect();
-        misses.sort_by(f32::total_cmp);
-        (misses.len() >= ALIKE_MIN).then(|| f64::from(misses[misses.len() / 4] / detector.sought[pose].miss_max()))
-    };
-    (0..detector.sought.len()).map(of_pose).collect()
+    let of_pose = |pose: usize| recognised.iter().copied().filter(|part| part.pose == pose).collect();
+    (0..detector.sought.len()).map(|pose| miss_ratio(detector, of_pose(pose), ALIKE_MIN)).collect()
+}
+
+/// What three of four of these parts miss by at least, of what they may; nothing of fewer than so many. (Some may smear as they
+/// move: light, lens and surface are the same for all.)
+fn miss_ratio(detector: &Detector, parts: Vec<&Found>, count_min: usize) -> Option<f64> {
+    let miss_ratio = |part: &Found| f64::from(part.fit.cost / detector.sought[part.pose].miss_max());
+    let mut misses: Vec<f64> = parts.into_iter().map(miss_ratio).collect();
+    misses.sort_by(f64::total_cmp);
+    (misses.len() >= count_min).then(|| misses[misses.len() / 4])
 }
 
 /// Share of the parts recognised to which something that is nobody's leaves too little room; 0 where too few lie to tell.

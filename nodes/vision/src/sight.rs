@@ -16,7 +16,8 @@ use super::template::PartModel;
 use super::{ImageFault, SelectorConfig};
 use feeder_model::camera::{CameraModel, MountedTray, single};
 
-/// Where less of what lies on the plateau is explained by the light taught, that explanation counts for nothing.
+/// Where less of what lies on the plateau is explained by the light taught, that explanation counts for nothing, unless parts look as
+/// they did: then no light explains the rest.
 const EXPLAINED_BETTER_MIN: f64 = 0.8;
 
 /// Things seen by both looks nearer to each other than this, relative to the part's radius, are one.
@@ -62,7 +63,9 @@ impl Sight {
         config: &SelectorConfig,
     ) -> (Vec<Candidate>, FrameHealth) {
         let taught_ratio = taught.health.explained_ratio;
-        if taught_ratio < EXPLAINED_BETTER_MIN || taught_ratio <= any.health.explained_ratio {
+        let look_so = taught.miss_ratio.is_some_and(|miss_ratio| taught.health.looks_as_taught(miss_ratio));
+        let holds = taught_ratio >= EXPLAINED_BETTER_MIN || look_so;
+        if !holds || taught_ratio <= any.health.explained_ratio {
             if any.health.light_is_as_taught() {
                 self.lend_room(&taught, &mut any, config);
             }

@@ -31,8 +31,8 @@ fn look(explained_ratio: f64, candidate: Candidate, part_gap_m: f64, foreign_gap
     let candidate = Candidate { part_gap_m: room.gap_m(0), ..candidate };
     let (in_view_ratio, covered_ratio, recognised) = (1.0, 0.1, usize::from(candidate.pose.is_some()));
     let health = FrameHealth { in_view_ratio, covered_ratio, explained_ratio, recognised, ..FrameHealth::default() };
-    let (shares, miss_ratios) = (vec![explained_ratio], vec![None; 2]);
-    Judgement { candidates: vec![candidate], shares, room, health, miss_ratios, alike: vec![false; 2] }
+    let (shares, miss_ratios, miss_ratio) = (vec![explained_ratio], vec![None; 2], None);
+    Judgement { candidates: vec![candidate], shares, room, health, miss_ratios, miss_ratio, alike: vec![false; 2] }
 }
 
 /// What the looks make of the thing, in light that falls as it did when the part was taught or otherwise.
@@ -66,6 +66,25 @@ fn the_look_that_explains_more_counts_and_that_in_the_light_taught_only_where_it
     assert_eq!(pose(0.95, 0.9), Some(0));
     assert_eq!(pose(0.9, 0.95), None);
     assert_eq!(pose(0.7, 0.6), None);
+}
+
+/// Parts at a wall or on one another leave much unexplained in any light.
+#[test]
+fn the_look_in_the_light_taught_counts_where_parts_look_so_however_little_it_explains() {
+    let unsure = Candidate { pose: None, confidence: 0.0, ..SEEN };
+    let pose = |any_ratio: f64, miss_ratio: Option<f64>, light_change_ratio: Option<f64>| {
+        let taught = look(0.5, SEEN, 0.01, 0.01);
+        let health = FrameHealth { light_change_ratio, ..taught.health };
+        let any = look(any_ratio, unsure, 0.01, 0.01);
+        let taught = Judgement { health, miss_ratio, ..taught };
+        sight().together(taught, any, &SelectorConfig::default()).0[0].pose
+    };
+    assert_eq!(pose(0.4, Some(0.2), Some(0.0)), Some(0));
+    assert_eq!(pose(0.6, Some(0.2), Some(0.0)), None, "any light explains more");
+    assert_eq!(pose(0.4, Some(0.5), Some(0.0)), None, "parts look otherwise");
+    assert_eq!(pose(0.4, None, Some(0.0)), None, "too few parts tell");
+    assert_eq!(pose(0.4, Some(0.2), Some(0.01)), None, "light falls otherwise");
+    assert_eq!(pose(0.4, Some(0.2), None), Some(0), "light cannot be compared");
 }
 
 #[test]
