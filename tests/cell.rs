@@ -162,7 +162,7 @@ fn the_planner_delivers_more_than_a_naive_one() {
 fn an_interrupted_study_prints_no_row() {
     let domain = feeder_runtime::testing::TestDomain::claim();
     let study = crate::common::lab()
-        .args(["good-parts", "as-given", "--seeds", "1", "--duration", "86400", "--domain", &domain.id.to_string()])
+        .args(["good-parts", "as-given", "--seeds", "1", "--duration", "3600", "--domain", &domain.id.to_string()])
         .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
