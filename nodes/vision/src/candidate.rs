@@ -41,7 +41,7 @@ const ALONE_COST_MAX: f32 = 1.25;
 const ALIKE_COUNT_MIN: usize = 2;
 const ALIKE_POSES_RATIO_MIN: f64 = 0.2;
 const ALIKE_YAWS_RATIO_MIN: f64 = 0.5;
-/// One part alone may look as taught by chance.
+/// So many parts tell that parts look as taught: one alone may by chance.
 const COMPANY_MIN: usize = 2;
 /// A part must fit worse at another yaw by this share of what its template says: half way between 0 for what looks the same at
 /// both and what blunt edges leave of 1.
@@ -143,8 +143,7 @@ pub(super) fn judge(detector: &Detector, view: &View, config: &SelectorConfig, f
     let health = health(detector, view, config, (found, &recognition), &candidates, &room);
     let covered_px = covered_px(found, &room).max(1) as f64;
     let shares = px.into_iter().map(|px| px as f64 / covered_px).collect();
-    let miss_ratio = miss_ratio(detector, recognised(found, &recognition.known), COMPANY_MIN);
-    let Recognition { miss_ratios, alike, .. } = recognition;
+    let Recognition { miss_ratios, miss_ratio, alike, .. } = recognition;
     Judgement { candidates, shares, room, health, miss_ratios, miss_ratio, alike }
 }
 
@@ -242,8 +241,9 @@ fn in_view_ratio(detector: &Detector) -> f64 {
 struct Recognition {
     /// For each thing.
     known: Vec<bool>,
-    /// See [`Judgement::miss_ratios`] and [`Judgement::alike`].
+    /// See the fields of [`Judgement`] of these names.
     miss_ratios: Vec<Option<f64>>,
+    miss_ratio: Option<f64>,
     alike: Vec<bool>,
 }
 
@@ -252,8 +252,10 @@ impl Recognition {
         let alike = looks_alike(detector, config, found);
         let is_known = |part: &Found| !alike[part.pose] && is_recognised(detector, part, config);
         let known: Vec<bool> = found.iter().map(is_known).collect();
-        let miss_ratios = miss_ratios(detector, &recognised(found, &known));
-        Self { known, miss_ratios, alike }
+        let recognised = recognised(found, &known);
+        let miss_ratios = miss_ratios(detector, &recognised);
+        let miss_ratio = miss_ratio(detector, recognised, COMPANY_MIN);
+        Self { known, miss_ratios, miss_ratio, alike }
     }
 }
 

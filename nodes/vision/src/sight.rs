@@ -63,8 +63,8 @@ impl Sight {
         config: &SelectorConfig,
     ) -> (Vec<Candidate>, FrameHealth) {
         let taught_ratio = taught.health.explained_ratio;
-        let look_so = taught.miss_ratio.is_some_and(|miss_ratio| taught.health.looks_as_taught(miss_ratio));
-        let holds = taught_ratio >= EXPLAINED_BETTER_MIN || look_so;
+        let looks_so = taught.miss_ratio.is_some_and(|miss_ratio| taught.health.looks_as_taught(miss_ratio));
+        let holds = taught_ratio >= EXPLAINED_BETTER_MIN || looks_so;
         if !holds || taught_ratio <= any.health.explained_ratio {
             if any.health.light_is_as_taught() {
                 self.lend_room(&taught, &mut any, config);
