@@ -53,7 +53,7 @@ pub struct Summary {
     /// How couriers that share the platen kept apart; null: they do not.
     platen: Option<Platen>,
     /// Simulated time, s.
-    sim_s: f64,
+    pub sim_s: f64,
     /// Wall time of the run without start-up, s.
     wall_s: f64,
     /// Wall time from the command to the first tick, s.
