@@ -40,7 +40,7 @@ fn assert_in_order(outcome: &Outcome, open_max: u64) {
 
 #[test]
 fn three_stations_are_served() {
-    let outcome = Up::new("--duration 45 --composed").scenario(&scenario("three_stations.yaml")).success();
+    let outcome = Up::new("--duration 30 --composed").scenario(&scenario("three_stations.yaml")).success();
     assert_in_order(&outcome, 3);
     assert!(outcome.number("delivered") >= 4.0, "{}", outcome.summary());
 }
@@ -48,20 +48,20 @@ fn three_stations_are_served() {
 #[test]
 fn three_feeders_share_a_platen_and_repeat() {
     let scenario = scenario("three_feeders.yaml");
-    let first = Up::new("--duration 15 --composed").scenario(&scenario).digest().success();
+    let first = Up::new("--duration 8 --composed").scenario(&scenario).digest().success();
     assert_in_order(&first, 4);
     assert!(first.number("delivered") >= 2.0, "{}", first.summary());
     let apart_m = first.summary()["platen"]["couriers_closest_m"].as_f64().unwrap();
     assert!(apart_m >= 2.0 * scenario.delivery.footprint_radius_m, "{}", first.summary());
-    let again = Up::new("--duration 15 --composed").scenario(&scenario).digest().success();
+    let again = Up::new("--duration 8 --composed").scenario(&scenario).digest().success();
     assert_eq!(first.digest(), again.digest());
 }
 
 /// Trays that leave the picture, neighbours that cross it, light that falls otherwise elsewhere: none of that is a trouble.
 #[test]
 fn where_all_is_well_nobody_is_warned() {
-    for name in ["default.yaml", "blocks.yaml", "three_feeders.yaml"] {
-        let run = Up::new("--duration 30 --composed").scenario_file(&file(name)).success();
+    for (name, duration_s) in [("default.yaml", 30), ("blocks.yaml", 20), ("three_feeders.yaml", 15)] {
+        let run = Up::new(&format!("--duration {duration_s} --composed")).scenario_file(&file(name)).success();
         // That parts may nest is said of the part, before anything runs.
         let warned = |line: &&str| line.contains("WARN") && !line.contains("likely in bulk");
         let warnings: Vec<&str> = run.stderr.lines().filter(warned).collect();
@@ -75,7 +75,7 @@ fn a_silent_manipulator_blocks_nobody_for_good() {
     let mut scenario = scenario("three_stations.yaml");
     scenario.delivery.hand_over_timeout_s = 3.0;
     scenario.stations[0].manipulator.silent_after = Some(1);
-    let outcome = Up::new("--duration 45 --composed").scenario(&scenario).success();
+    let outcome = Up::new("--duration 30 --composed").scenario(&scenario).success();
     assert_in_order(&outcome, 3);
     let summary = outcome.summary();
     assert_eq!(summary["failed"]["no_handover"], 1, "{summary}");
@@ -147,7 +147,7 @@ fn the_planner_delivers_more_than_a_naive_one() {
     let file = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/..")).join("launch_configs/three_stations.yaml");
     let domain = feeder_runtime::testing::TestDomain::claim();
     let ran = crate::common::lab()
-        .args(["compare-planners", "--duration", "45", "--domain", &domain.id.to_string(), "--scenario"])
+        .args(["compare-planners", "--duration", "30", "--domain", &domain.id.to_string(), "--scenario"])
         .arg(file)
         .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         .output()

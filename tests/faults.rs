@@ -107,7 +107,7 @@ fn nodes_leave_when_feeder_up_is_killed() {
 fn a_blind_camera_stops_selection() {
     let mut scenario = Scenario::default();
     scenario.world.light.white_level = 0.0;
-    let outcome = Up::new("--duration 30").scenario(&scenario).success();
+    let outcome = Up::new("--duration 30 --composed").scenario(&scenario).success();
     for (key, expected) in [("selected", 0.0), ("delivered", 0.0)] {
         assert!((outcome.number(key) - expected).abs() < 0.5, "{}", outcome.summary());
     }

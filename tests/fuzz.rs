@@ -12,9 +12,9 @@ use rand_pcg::Pcg64Mcg;
 fn inputs(target: &str) -> u64 {
     match target {
         // These take a millisecond or more each.
-        "bag" | "part_model" | "scenario" => 300,
-        "part" | "picture" | "stl" => 3000,
-        _ => 20_000,
+        "bag" | "part_model" | "scenario" => 100,
+        "part" | "picture" | "stl" => 500,
+        _ => 5000,
     }
 }
 

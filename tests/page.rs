@@ -120,14 +120,14 @@ fn the_page_comes_back_after_the_suite_was_started_again() {
     let page = page_of(&run);
     let mut browser = Browser::start();
     browser.open(&page);
-    browser.until("feeder.playback.newest?.time_s > 60");
+    browser.until("feeder.playback.newest?.time_s > 20");
     drop(run);
     browser.until("!document.getElementById('banner').hidden");
     assert_eq!(browser.value("document.getElementById('pause').getAttribute('aria-disabled')"), json!("true"));
     let place = page.trim_start_matches("http://").trim_end_matches('/');
     let again = Up::new(&format!("--duration 3600 --speed 1 --view={place}")).start();
     browser.until("document.getElementById('banner').hidden && document.body.dataset.condition === 'open'");
-    browser.until("feeder.playback.newest?.time_s < 60 && feeder.tray.painter.shown.length > 0");
+    browser.until("feeder.playback.newest?.time_s < 20 && feeder.tray.painter.shown.length > 0");
     drop(again);
 }
 

@@ -39,11 +39,11 @@ fn scenario_with_friction(folder: &Path, friction: f64) -> PathBuf {
 }
 
 #[track_caller]
-fn delivered_again_from_a_recording(friction: f64) {
+fn delivered_again_from_a_recording(friction: f64, duration_s: u32) {
     let folder = TempDir::new().unwrap();
     let scenario = scenario_with_friction(folder.path(), friction);
     let bag = folder.path().join("bag");
-    let run = Up::new("--duration 45 --composed --record-exclude camera/(image_raw|annotated)$")
+    let run = Up::new(&format!("--duration {duration_s} --composed --record-exclude camera/(image_raw|annotated)$"))
         .scenario_file(&scenario)
         .record(&bag)
         .success();
@@ -65,12 +65,12 @@ fn delivered_again_from_a_recording(friction: f64) {
 
 #[test]
 fn a_part_more_slippery_than_any_of_the_catalogue_is_carried_without_sliding() {
-    delivered_again_from_a_recording(0.12);
+    delivered_again_from_a_recording(0.12, 45);
 }
 
 #[test]
 fn a_part_that_grips_twice_as_well_is_carried_without_sliding() {
-    delivered_again_from_a_recording(0.4);
+    delivered_again_from_a_recording(0.4, 25);
 }
 
 /// The nodes of a run, each in a process that somebody started by hand. Dropped, they are killed.

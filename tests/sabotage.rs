@@ -31,7 +31,7 @@ fn count(value: &Value) -> u64 {
 /// The selector takes each pose of the part for the other.
 #[test]
 fn parts_taken_for_what_they_are_not_are_counted_as_wrong() {
-    let summary = summary_of("default.yaml", 30, |node| {
+    let summary = summary_of("default.yaml", 15, |node| {
         if let PlannedConfig::VisionSelector(selector) = node {
             selector.part_model.poses.swap(0, 1);
         }
@@ -45,7 +45,7 @@ fn parts_taken_for_what_they_are_not_are_counted_as_wrong() {
 /// Selector and agents are told that a gripper needs no room.
 #[test]
 fn parts_presented_without_room_for_the_gripper_are_counted() {
-    let summary = summary_of("blocks.yaml", 60, |node| match node {
+    let summary = summary_of("blocks.yaml", 40, |node| match node {
         PlannedConfig::VisionSelector(selector) => selector.selector.part_clearance_m = 0.0,
         PlannedConfig::OverheadManipulator(manipulator) => manipulator.part_gap_m_min = 0.0,
         _ => {}
@@ -64,9 +64,9 @@ fn a_gripper_that_is_turned_wrongly_takes_nothing() {
             }
         }
     };
-    let right = summary_of("blocks.yaml", 20, turned_rad(0.0));
+    let right = summary_of("blocks.yaml", 12, turned_rad(0.0));
     assert!(count(&right["delivered"]) >= 1, "{right}");
-    let wrong = summary_of("blocks.yaml", 20, turned_rad(std::f64::consts::FRAC_PI_2));
+    let wrong = summary_of("blocks.yaml", 12, turned_rad(std::f64::consts::FRAC_PI_2));
     assert_eq!((count(&wrong["delivered"]), count(&wrong["selected"]) >= 1), (0, true), "{wrong}");
     assert!(count(&wrong["failed"]["not_taken"]) >= 1, "{wrong}");
 }
@@ -74,7 +74,7 @@ fn a_gripper_that_is_turned_wrongly_takes_nothing() {
 /// Planners that believe their couriers to be smaller than they are reserve too little room.
 #[test]
 fn couriers_that_leave_their_areas_are_counted() {
-    let summary = summary_of("three_feeders.yaml", 30, |node| {
+    let summary = summary_of("three_feeders.yaml", 12, |node| {
         if let PlannedConfig::DeliveryPlanner(planner) = node {
             planner.delivery.footprint_radius_m = 0.02;
         }

@@ -58,7 +58,7 @@ impl AllRound {
     }
 
     /// A ring light round the camera's lens: what lies aside is lit along the line of sight.
-    fn round_lens(scene: &Scene) -> Result<Self, OutOfRange> {
+    pub(super) fn round_lens(scene: &Scene) -> Result<Self, OutOfRange> {
         let pose = scene.camera.pose();
         let height_m = pose.height_m - scene.tray.plateau_height_m();
         let ring_m = height_m / ROUND_LENS_RAD.tan();

@@ -260,7 +260,7 @@ mod tests {
             let point = Point3::new(view.x_m + towards.x, view.y_m + towards.y, view.z_m);
             level(&scene, &picture(&[]), &shot, point) - level(&scene, &picture(&[view]), &shot, point)
         };
-        let [mut round_lens, _, _] = AllRound::of_lessons(&scene).unwrap();
+        let mut round_lens = AllRound::round_lens(&scene).unwrap();
         let (round_lens, afar) = (shade(&mut round_lens), shade(&mut AllRound::afar(&scene, 1.36).unwrap()));
         assert!(afar > 10.0 && round_lens < 0.5 * afar, "round the lens {round_lens}, afar {afar}");
     }
@@ -272,7 +272,7 @@ mod tests {
         let aside = Vector2::new(0.08, 0.0);
         let shot = TrayShot::still(Isometry2::new(Vector2::new(0.3 - view.x_m, 0.3 - view.y_m) + aside, 0.0));
         let mut image = GrayImage::default();
-        let [mut round_lens, _, _] = AllRound::of_lessons(&scene).unwrap();
+        let mut round_lens = AllRound::round_lens(&scene).unwrap();
         round_lens.render(&shot, &[view], &mut Pcg64Mcg::seed_from_u64(1), &mut image).unwrap();
         let at = |x_m: f64| level(&scene, &image, &shot, Point3::new(view.x_m + x_m, view.y_m, view.z_m));
         // The face towards the lens is seen from 2.6 to 3.3 mm beside the block's middle.

@@ -135,20 +135,18 @@ fn with_thing_beside(
 /// shows that it is another.
 #[test]
 fn parts_whose_shadow_is_gone_are_known() {
-    let nut = catalogue("hex_nut");
     let dome = |scene: &mut Scene| {
         scene.light.diffuse_ratio = 0.95;
         scene.light.gradient_right_ratio += 0.05;
     };
-    let recall = recall(&nut, &taught(&nut), dome, 0.0);
+    let recall = recall(&catalogue("hex_nut"), &NUT, dome, 0.0);
     assert!(recall >= 0.8, "{recall}");
 }
 
 /// Between the lights from all sides that are taught lie others: in the lesson none stands at this height.
 #[test]
 fn parts_in_steep_light_from_all_sides_are_known() {
-    let nut = catalogue("hex_nut");
-    for (part, model, least) in [(&nut, &taught(&nut), 0.8), (&*GROMMET, &*MODEL, 0.95)] {
+    for (part, model, least) in [(&catalogue("hex_nut"), &*NUT, 0.8), (&*GROMMET, &*MODEL, 0.95)] {
         let mut ring = AllRound::afar(&scene(part, 2.0), 1.15).unwrap();
         let recall = recall_in(part, model, |parts, random| shoot_all_round(&mut ring, parts, random));
         assert!(recall >= least, "{}: {recall}", part.name);
@@ -168,8 +166,7 @@ fn parts_under_a_low_lamp_on_another_side_are_known() {
 
 #[test]
 fn light_from_a_side_lights_that_side_of_a_part_however_it_is_turned() {
-    let nut = taught(&catalogue("hex_nut"));
-    let template = &nut.poses[1];
+    let template = &NUT.poses[1];
     for turns in 0..8 {
         let yaw_rad = TAU * f64::from(turns) / 8.0;
         let [from_x, from_y] = template.lit_from_sides(&Aspect { yaw_rad, slant: Vector2::zeros() });
@@ -229,8 +226,7 @@ fn a_part_wholly_in_another_light_looks_as_drawn_in_it() {
 
 #[test]
 fn parts_much_darker_than_those_taught_are_known_by_their_pattern() {
-    let nut = catalogue("hex_nut");
-    let recall = recall(&nut, &taught(&nut), |scene| lit(scene, 0.8), 0.0);
+    let recall = recall(&catalogue("hex_nut"), &NUT, |scene| lit(scene, 0.8), 0.0);
     assert!(recall >= 0.9, "{recall}");
 }
 

@@ -188,6 +188,7 @@ pub(super) fn frames<'a>(images: &'a [GrayImage], lessons: &'a [Vec<LaidPart>]) 
 
 pub(super) static MODEL: LazyLock<PartModel> = LazyLock::new(|| taught(&GROMMET));
 pub(super) static COIN: LazyLock<PartModel> = LazyLock::new(|| taught(&catalogue("coin")));
+pub(super) static NUT: LazyLock<PartModel> = LazyLock::new(|| taught(&catalogue("hex_nut")));
 
 pub(super) fn selector() -> Selector {
     let scene = scene(&GROMMET, 2.0);
