@@ -456,18 +456,19 @@ fn started(up: Up) -> Run {
     run
 }
 
-/// One row for each command, with what each middleware made of it.
-#[test]
-fn the_feeder_is_a_citizen_of_ros_2() {
-    let python = interpreter();
-    let middlewares = installed_middlewares();
-    assert!(!middlewares.is_empty(), "neither of {MIDDLEWARES:?} is below AMENT_PREFIX_PATH");
-    let wanted = std::env::var("ROS2_FEATURE").unwrap_or_default();
-    let mut rows: Vec<(String, String, Vec<String>)> = Vec::new();
-    let mut failures = String::new();
-    for (column, middleware) in middlewares.iter().enumerate() {
+/// What one middleware made of the checks.
+struct Trial {
+    /// Feature, command, and how long it took or that it failed.
+    rows: Vec<(String, String, String)>,
+    failures: String,
+}
+
+impl Trial {
+    /// Tries all checks whose feature has `wanted` in its name.
+    fn new(middleware: &str, python: &str, wanted: &str) -> Self {
+        let mut trial = Self { rows: Vec::new(), failures: String::new() };
         let mut note = |check: &Check, shell: &Shell| {
-            if !check.feature.contains(&wanted) {
+            if !check.feature.contains(wanted) {
                 return;
             }
             let since = Instant::now();
@@ -478,16 +479,13 @@ fn the_feeder_is_a_citizen_of_ros_2() {
             };
             println!("{middleware}: {}: {cell}", check.feature);
             if let Err(why) = outcome {
-                writeln!(failures, "{middleware}: {}: {}\n    {why}", check.feature, check.command).unwrap();
+                writeln!(trial.failures, "{middleware}: {}: {}\n    {why}", check.feature, check.command).unwrap();
             }
-            match rows.iter_mut().find(|(feature, ..)| *feature == check.feature) {
-                Some((_, _, cells)) => cells.push(cell),
-                None => rows.push((check.feature.clone(), check.command.clone(), vec![cell])),
-            }
+            trial.rows.push((check.feature.clone(), check.command.clone(), cell));
         };
         let run = started(Up::new("--duration 86400 --speed 1 --plain"));
         let shell = shell(middleware, &run);
-        for check in checks(&python) {
+        for check in checks(python) {
             note(&check, &shell);
         }
         let _ = shell.command("ros2 daemon stop").output();
@@ -497,16 +495,31 @@ fn the_feeder_is_a_citizen_of_ros_2() {
         // Simulated: an agent in Python on a busy machine needs longer than a machine's gripper.
         scenario.delivery.hand_over_timeout_s = 60.0;
         let run = started(Up::new("--duration 86400 --speed 2 --plain").scenario(&scenario));
-        note(&agent_check(&python), &self::shell(middleware, &run));
+        note(&agent_check(python), &self::shell(middleware, &run));
         run.process().signal(Signal::INT);
         let outcome = run.outcome();
         assert!(outcome.status.success(), "{}", outcome.stderr);
-        assert_eq!(column + 1, rows.iter().map(|(.., cells)| cells.len()).max().unwrap_or(column + 1));
+        trial
     }
+}
+
+/// One row for each command, with what each middleware made of it. They are tried side by side, as commands mostly wait.
+#[test]
+fn the_feeder_is_a_citizen_of_ros_2() {
+    let python = interpreter();
+    let middlewares = installed_middlewares();
+    assert!(!middlewares.is_empty(), "neither of {MIDDLEWARES:?} is below AMENT_PREFIX_PATH");
+    let wanted = std::env::var("ROS2_FEATURE").unwrap_or_default();
+    let trials: Vec<Trial> = std::thread::scope(|scope| {
+        let each = middlewares.iter().map(|middleware| scope.spawn(|| Trial::new(middleware, &python, &wanted)));
+        each.collect::<Vec<_>>().into_iter().map(|trial| trial.join().unwrap()).collect()
+    });
     println!("\n| feature | command | {} |\n|---|---|{}", middlewares.join(" | "), "---|".repeat(middlewares.len()));
-    for (feature, command, cells) in rows {
+    for (index, (feature, command, _)) in trials[0].rows.iter().enumerate() {
+        let cells: Vec<&str> = trials.iter().map(|trial| trial.rows[index].2.as_str()).collect();
         println!("| {feature} | `{}` | {} |", command.replace('|', "\\|"), cells.join(" | "));
     }
+    let failures: String = trials.into_iter().map(|trial| trial.failures).collect();
     assert!(failures.is_empty(), "{failures}");
 }
 
