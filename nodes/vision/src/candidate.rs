@@ -78,12 +78,6 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    /// Free gap to the nearest other thing or wall, m.
-    #[must_use]
-    pub fn isolation_m(&self) -> f64 {
-        self.part_gap_m.min(self.wall_gap_m)
-    }
-
     /// Place in the tray frame, m.
     #[must_use]
     pub fn centre(&self) -> Point2<f64> {

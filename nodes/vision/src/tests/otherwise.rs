@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::align::Fit;
-use crate::candidate::{is_recognised, judge, looks_alike};
-use crate::detector::{Detector, Found, belief_of_light};
+use crate::candidate::{is_recognised, judge};
+use crate::detector::{Detector, belief_of_light};
 use crate::modes::{Belief, Light, MODES, OTHER_LIGHTS, WHOLE_LIGHTS};
 use crate::template::Aspect;
 use feeder_model::geometry::PartMesh;
@@ -238,69 +238,6 @@ fn bare_floor_is_no_part_whatever_the_light() {
     assert!(recall >= 0.8, "{recall}");
 }
 
-/// A washer among nuts has as even a picture as a nut has, and half of its contrast.
-#[test]
-fn a_part_that_stands_out_less_than_taught_must_do_so_as_its_like_in_the_frame_do() {
-    let scene = scene(&GROMMET, 2.0);
-    let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
-    let least = detector.sought[0].template.evidence_min;
-    let fit = Fit { centre: Point2::new(0.0, -0.06), yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts: [0.0; MODES] };
-    let recognised = |evidence_ratio: Option<f32>, evidence: f32, cost: f32| {
-        let mut found = Found { evidence_ratio, evidence_per_texel: evidence * least, ..Found::new(0, fit) };
-        found.fit.cost = cost;
-        is_recognised(&detector, &found, &SelectorConfig::default())
-    };
-    assert!(recognised(Some(0.95), 0.9, 0.05), "its like are as dim");
-    assert!(!recognised(Some(0.5), 0.9, 0.05) && recognised(Some(0.5), 1.1, 0.05));
-    assert!(recognised(None, 0.9, 0.05), "alone, its pattern is all there");
-    assert!(!recognised(None, 0.9, 0.5) && recognised(None, 1.1, 0.5), "not all of its pattern");
-    let is_thing = |evidence_ratio: Option<f32>, evidence: f32| {
-        let mut found = Found { evidence_ratio, ..Found::new(0, fit) };
-        found.fit.evidence = evidence;
-        detector.is_thing(&found)
-    };
-    assert!(is_thing(None, f32::MAX) && is_thing(Some(0.6), f32::MAX));
-    assert!(!is_thing(Some(0.4), f32::MAX), "it is none of them");
-    assert!(!is_thing(None, f32::NEG_INFINITY), "it fits in no light that the frame may have");
-}
-
-#[test]
-fn what_is_seen_much_darker_than_the_part_is_none_and_what_looked_as_much_like_another_pose_is_not_sure() {
-    let scene = scene(&GROMMET, 2.0);
-    let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
-    let config = SelectorConfig::default();
-    let recognised = |darker: f32, first_lead: f32, beside_lead: f32| {
-        let mut amounts = [0.0; MODES];
-        // A unit of the first mode is a quarter of the part's brightness.
-        amounts[0] = -darker / 0.25;
-        let fit = Fit { centre: Point2::new(0.0, -0.06), yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts };
-        let evidence_per_texel = 1.1 * detector.sought[0].template.evidence_min;
-        let found = Found { first_lead, beside_lead, evidence_per_texel, ..Found::new(0, fit) };
-        is_recognised(&detector, &found, &config)
-    };
-    assert!(recognised(0.3, 1.0, 1.0) && recognised(-0.5, 1.0, 1.0), "of another colour");
-    assert!(!recognised(0.45, 1.0, 1.0), "a shadow");
-    let least = feeder_model::camera::single(config.evidence_lead_min);
-    let (more, less) = (1.1 * least, 0.9 * least);
-    assert!(recognised(0.0, more, 1.0) && !recognised(0.0, less, 1.0), "before the light was known");
-    assert!(recognised(0.0, 1.0, more) && !recognised(0.0, 1.0, less), "a little beside");
-}
-
-/// A fifth lighter than taught: of a lighter batch if it is alone, and another thing among those that are not.
-#[test]
-fn a_part_alone_may_be_seen_further_from_taught_than_one_among_its_like_from_them() {
-    let scene = scene(&GROMMET, 2.0);
-    let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
-    let fit = Fit { centre: Point2::new(0.0, -0.06), yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts: [0.0; MODES] };
-    let recognised = |evidence_ratio: Option<f32>, unlike: f32| {
-        let evidence_per_texel = 1.1 * detector.sought[0].template.evidence_min;
-        let found = Found { evidence_ratio, unlike, evidence_per_texel, ..Found::new(0, fit) };
-        is_recognised(&detector, &found, &SelectorConfig::default())
-    };
-    assert!(recognised(Some(1.0), 1.8) && !recognised(Some(1.0), 2.7));
-    assert!(recognised(None, 2.7) && !recognised(None, 4.0));
-}
-
 /// Two pictures of a grommet, one a little beside the other, laid over each other: it may lie in either place.
 #[test]
 fn a_thing_that_may_as_well_lie_a_little_beside_leads_that_by_nothing() {
@@ -321,53 +258,6 @@ fn a_thing_that_may_as_well_lie_a_little_beside_leads_that_by_nothing() {
     let least = feeder_model::camera::single(config.evidence_lead_min);
     assert!(lead(0.0) > 5.0 * least, "{}", lead(0.0));
     assert!(lead(5.0) < least, "{}", lead(5.0));
-}
-
-/// Of ten things that may lie in either of two poses, so many were led by next to nothing, and so many lie as well the other way round.
-#[test]
-fn where_light_leaves_two_poses_or_yaws_looking_alike_for_some_none_is_sure_of_them() {
-    let scene = scene(&GROMMET, 2.0);
-    let fit = Fit { centre: Point2::new(0.0, -0.06), yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts: [0.0; MODES] };
-    let alike = |light: Light, untold: usize, turned: usize, rivals: usize| {
-        let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, light);
-        let thing = |index: usize| Found {
-            first_lead: if index < untold { 0.1 } else { 0.5 },
-            turned: (index < turned).then_some(0.2),
-            rival: (index < rivals).then_some((1, fit)),
-            ..Found::new(0, fit)
-        };
-        let found: Vec<Found> = (0..10).map(thing).collect();
-        looks_alike(&detector, &SelectorConfig::default(), &found)
-    };
-    assert_eq!(alike(Light::Any, 1, 0, 10), [false, false], "one is no rule");
-    assert_eq!(alike(Light::Any, 2, 0, 10), [true, true]);
-    assert_eq!(alike(Light::Any, 2, 0, 1), [true, false], "only one of them may lie in the other pose");
-    assert_eq!(alike(Light::Any, 0, 4, 0), [false, false], "most show which way round they lie");
-    assert_eq!(alike(Light::Any, 0, 5, 0), [true, false]);
-    assert_eq!(alike(Light::Taught, 10, 10, 10), [false, false], "in the light taught each part tells for itself");
-}
-
-#[test]
-fn what_looks_alike_in_two_poses_is_recognised_in_neither_and_that_is_told() {
-    let scene = scene(&GROMMET, 2.0);
-    let config = SelectorConfig::default();
-    let mut detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
-    detector.look(&simple_picture(&[]), &over_camera(), config.contrast_min_levels).unwrap();
-    let evidence_per_texel = 1.1 * detector.sought[0].template.evidence_min;
-    let judged = |untold: usize| {
-        let thing = |index: usize| {
-            let centre = at(0.06, 3.4 + 0.25 * index as f64, 0).place;
-            let fit = Fit { centre, yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts: [0.0; MODES] };
-            let first_lead = if index < untold { 0.1 } else { 0.5 };
-            Found { first_lead, evidence_per_texel, ..Found::new(0, fit) }
-        };
-        let found: Vec<Found> = (0..10).map(thing).collect();
-        let judgement = judge(&detector, &detector.view(&over_camera()), &config, &found);
-        let sure = judgement.candidates.iter().filter(|candidate| candidate.pose.is_some()).count();
-        (sure, judgement.health.recognised, judgement.health.causes().contains(&HealthCause::LooksAlike))
-    };
-    assert_eq!(judged(1), (9, 9, false));
-    assert_eq!(judged(2), (0, 0, true));
 }
 
 /// A white part lights the floor beside it; few parts in a frame cannot tell that all of them do.
@@ -393,4 +283,31 @@ fn few_parts_are_known_where_the_floor_beside_them_is_brighter_than_taught() {
     let found = detector.find(&image, &over_camera(), config.contrast_min_levels, f32::MAX).unwrap();
     let known = found.iter().filter(|part| part.pose == 0 && is_recognised(&detector, part, &config)).count();
     assert_eq!(known, 3, "{found:?}");
+}
+
+#[test]
+fn how_blurred_and_how_large_parts_are_seen_is_told() {
+    let parts: Vec<LaidPart> = (0..7_u32).map(|i| at(0.065, 3.5 + 0.4 * f64::from(i), 0)).collect();
+    let believed = scene(&GROMMET, 2.0);
+    let mut detector = Detector::new(&believed.camera, &believed.tray, &MODEL, Light::Any);
+    let mut seen = |image: &GrayImage| {
+        let config = SelectorConfig::default();
+        let found = detector.find(image, &over_camera(), config.contrast_min_levels, f32::MAX).unwrap();
+        let health = judge(&detector, &detector.view(&over_camera()), &config, &found).health;
+        assert_eq!(health.recognised, parts.len());
+        (health.blur_excess_px2.unwrap(), health.size_excess_ratio.unwrap())
+    };
+    let mut world = scene(&GROMMET, 2.0);
+    for (scale, blur_px) in [(1.0, 0.0), (1.0, 0.8), (1.02, 0.0), (0.98, 0.0)] {
+        let mesh = &GROMMET.mesh;
+        let vertices = mesh.vertices().iter().map(|vertex| vertex * scale).collect();
+        world.part.mesh = PartMesh::new(vertices, mesh.triangles().to_vec(), mesh.reflectance().to_vec()).unwrap();
+        let sharp = shoot(&mut Renderer::new(&world).unwrap(), &over_camera(), &parts, &mut Pcg64Mcg::seed_from_u64(9));
+        let image = if blur_px > 0.0 { image::imageops::blur(&sharp, blur_px) } else { sharp };
+        let (blur_px2, size_ratio) = seen(&image);
+        // Of blur a third is put down to chance.
+        let (least_px2, most_px2) = (0.5 * f64::from(blur_px).powi(2), f64::from(blur_px).powi(2) + 0.05);
+        assert!((least_px2..most_px2).contains(&blur_px2) || blur_px2.abs() < 0.05 && blur_px == 0.0, "{blur_px2}");
+        assert!((size_ratio - (scale - 1.0)).abs() < 0.008, "{size_ratio} {scale}");
+    }
 }

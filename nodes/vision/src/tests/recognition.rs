@@ -1,0 +1,217 @@
+//! What of the things found in a frame is recognised, and how surely.
+
+use std::sync::LazyLock;
+
+use super::*;
+use crate::align::Fit;
+use crate::candidate::{is_recognised, judge, looks_alike};
+use crate::detector::{Detector, Found};
+use crate::modes::{Light, MODES, SCALE, SCALE_SPREAD};
+
+static IN_ANY_LIGHT: LazyLock<Detector> = LazyLock::new(|| {
+    let scene = scene(&GROMMET, 2.0);
+    Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any)
+});
+
+/// Fits well, and as taught.
+const FIT: Fit =
+    Fit { centre: Point2::new(0.0, -0.06), yaw_rad: 0.0, cost: 0.05, evidence: 1.0, amounts: [0.0; MODES] };
+
+/// A grommet that stands out as taught and is like nothing else, and what is otherwise about it.
+fn grommet_but(change: impl FnOnce(&mut Found)) -> Found {
+    let mut found = Found::new(0, FIT);
+    found.evidence_per_texel = 1.1 * IN_ANY_LIGHT.sought[0].template.evidence_min;
+    change(&mut found);
+    found
+}
+
+/// Whether such a one is recognised.
+fn recognised(change: impl FnOnce(&mut Found)) -> bool {
+    is_recognised(&IN_ANY_LIGHT, &grommet_but(change), &SelectorConfig::default())
+}
+
+/// A washer among nuts has as even a picture as a nut has, and half of its contrast.
+#[test]
+fn a_part_that_stands_out_less_than_taught_must_do_so_as_its_like_in_the_frame_do() {
+    let recognised = |evidence_ratio: Option<f32>, evidence: f32, cost: f32| {
+        recognised(|part| {
+            (part.evidence_ratio, part.fit.cost) = (evidence_ratio, cost);
+            part.evidence_per_texel = evidence * IN_ANY_LIGHT.sought[0].template.evidence_min;
+        })
+    };
+    assert!(recognised(Some(0.72), 0.9, 0.05), "its like are as dim");
+    assert!(!recognised(Some(0.68), 0.9, 0.05) && recognised(Some(0.5), 1.1, 0.05));
+    assert!(recognised(None, 0.9, 0.05), "alone, its pattern is all there");
+    // What its pattern leaves unexplained of its contrast with bare floor, whose square is twice the evidence and the miss.
+    let evidence = 0.9 * IN_ANY_LIGHT.sought[0].template.evidence_min;
+    let cost = |unexplained: f32| 2.0 * evidence * unexplained / (1.0 - unexplained);
+    assert!(recognised(None, 0.9, cost(0.095)) && !recognised(None, 0.9, cost(0.105)), "not all of its pattern");
+    assert!(recognised(None, 1.1, 0.5), "as much as taught");
+    let is_thing = |evidence_ratio: Option<f32>, evidence: f32| {
+        IN_ANY_LIGHT.is_thing(&grommet_but(|part| {
+            (part.evidence_ratio, part.fit.evidence) = (evidence_ratio, evidence);
+        }))
+    };
+    assert!(is_thing(None, f32::MAX) && is_thing(Some(0.6), f32::MAX));
+    assert!(!is_thing(Some(0.4), f32::MAX), "it is none of them");
+    assert!(!is_thing(None, f32::NEG_INFINITY), "it fits in no light that the frame may have");
+}
+
+#[test]
+fn what_is_seen_much_darker_than_the_part_is_none_and_what_looked_as_much_like_another_pose_is_not_sure() {
+    // A unit of the first mode is a quarter of the part's brightness.
+    let darker = |ratio: f32| recognised(|part| part.fit.amounts[0] = -ratio / 0.25);
+    assert!(darker(0.3) && darker(-0.5), "of another colour");
+    assert!(!darker(0.45), "a shadow");
+    let least = feeder_model::camera::single(SelectorConfig::default().evidence_lead_min);
+    let (more, less) = (1.1 * least, 0.9 * least);
+    let first = |lead: f32| recognised(|part| part.first_lead = lead);
+    assert!(first(more) && !first(less), "before the light was known");
+    let beside = |lead: f32| recognised(|part| part.beside_lead = lead);
+    assert!(beside(more) && !beside(less), "a little beside");
+    let among = |ratio: Option<f32>, lead: f32| recognised(|part| (part.lead_ratio, part.lead) = (ratio, lead));
+    assert!(among(None, more) && !among(None, less), "none to compare it with");
+    assert!(among(Some(0.41), less) && !among(Some(0.39), more), "two fifths of what others of the frame lead by");
+}
+
+#[test]
+fn a_part_of_another_size_is_another_one_and_those_of_a_frame_may_share_more_of_it() {
+    let sized = |evidence_ratio: Option<f32>, larger: f32| {
+        recognised(|part| (part.evidence_ratio, part.fit.amounts[SCALE]) = (evidence_ratio, larger / SCALE_SPREAD))
+    };
+    for sign in [1.0, -1.0] {
+        assert!(sized(None, 0.04 * sign) && !sized(None, 0.05 * sign), "alone");
+        assert!(sized(Some(1.0), 0.07 * sign) && !sized(Some(1.0), 0.09 * sign), "in company");
+    }
+}
+
+#[test]
+fn what_fits_no_better_than_it_may_or_as_well_at_another_yaw_is_not_recognised() {
+    let miss_max = IN_ANY_LIGHT.sought[0].miss_max();
+    let missed = |share: f32| recognised(|part| part.fit.cost = share * miss_max);
+    assert!(missed(0.99) && !missed(1.01));
+    let first = |cost: f32| recognised(|part| part.first_cost = cost);
+    assert!(first(1.2) && !first(1.3), "before what parts of the frame have in common was known");
+    let turned = |share: f32| recognised(|part| part.turned = Some(share));
+    let at_other_yaw = |share: f32| recognised(|part| part.yaw_lead = Some(share));
+    for is_known in [turned, at_other_yaw] {
+        assert!(is_known(0.31) && !is_known(0.29));
+    }
+}
+
+#[test]
+fn a_pose_is_surer_the_better_it_fits_and_the_more_it_leads() {
+    let scene = scene(&GROMMET, 2.0);
+    let config = SelectorConfig::default();
+    let mut detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
+    detector.look(&simple_picture(&[]), &over_camera(), config.contrast_min_levels).unwrap();
+    let (miss_max, lead_min) = (detector.sought[0].miss_max(), feeder_model::camera::single(config.evidence_lead_min));
+    let sure = |change: &dyn Fn(&mut Found)| {
+        judge(&detector, &detector.view(&over_camera()), &config, &[grommet_but(change)]).candidates[0].confidence
+    };
+    let fits = |share: f32| sure(&|part| part.fit.cost = share * miss_max);
+    let leads = |times: f32| sure(&|part| part.lead = times * lead_min);
+    let among = |ratio: f32| sure(&|part| part.lead_ratio = Some(ratio));
+    for (confidence, wanted) in [
+        (fits(0.4), 1.0),
+        (fits(0.75), 0.75),
+        (fits(1.0), 0.5),
+        (fits(1.01), 0.0),
+        (leads(2.5), 1.0),
+        (leads(1.5), 0.75),
+        (leads(1.0), 0.5),
+        (leads(0.99), 0.0),
+        (among(0.7), 1.0),
+        (among(0.525), 0.75),
+        (among(0.401), 0.5),
+        (among(0.39), 0.0),
+    ] {
+        assert!((confidence - wanted).abs() < 0.01, "{confidence} {wanted}");
+    }
+}
+
+/// A fifth lighter than taught: of a lighter batch if it is alone, and another thing among those that are not.
+#[test]
+fn a_part_alone_may_be_seen_further_from_taught_than_one_among_its_like_from_them() {
+    let recognised = |evidence_ratio: Option<f32>, unlike: f32| {
+        recognised(|part| (part.evidence_ratio, part.unlike) = (evidence_ratio, unlike))
+    };
+    assert!(recognised(Some(1.0), 1.8) && !recognised(Some(1.0), 2.0));
+    assert!(recognised(None, 3.7) && !recognised(None, 3.9));
+}
+
+/// Of things that may lie in either of two poses, so many were led by next to nothing, and so many lie as well the other way round.
+#[test]
+fn where_light_leaves_two_poses_or_yaws_looking_alike_for_some_none_is_sure_of_them() {
+    let scene = scene(&GROMMET, 2.0);
+    let alike = |light: Light, things: usize, untold: usize, turned: usize, rivals: usize| {
+        let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, light);
+        let thing = |index: usize| Found {
+            first_lead: if index < untold { 0.1 } else { 0.5 },
+            turned: (index < turned).then_some(0.2),
+            rival: (index < rivals).then_some((1, FIT)),
+            ..Found::new(0, FIT)
+        };
+        let found: Vec<Found> = (0..things).map(thing).collect();
+        looks_alike(&detector, &SelectorConfig::default(), &found)
+    };
+    assert_eq!(alike(Light::Any, 10, 1, 0, 10), [false, false], "one is no rule");
+    assert_eq!(alike(Light::Any, 10, 2, 0, 10), [true, true]);
+    assert_eq!(alike(Light::Any, 11, 2, 0, 11), [false, false], "two of eleven are few");
+    assert_eq!(alike(Light::Any, 10, 2, 0, 1), [true, false], "only one of them may lie in the other pose");
+    assert_eq!(alike(Light::Any, 10, 0, 4, 0), [false, false], "most show which way round they lie");
+    assert_eq!(alike(Light::Any, 10, 0, 5, 0), [true, false]);
+    assert_eq!(alike(Light::Taught, 10, 10, 10, 10), [false, false], "in the light taught each part tells for itself");
+}
+
+#[test]
+fn what_looks_alike_in_two_poses_is_recognised_in_neither_and_that_is_told() {
+    let scene = scene(&GROMMET, 2.0);
+    let config = SelectorConfig::default();
+    let mut detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
+    detector.look(&simple_picture(&[]), &over_camera(), config.contrast_min_levels).unwrap();
+    let evidence_per_texel = 1.1 * detector.sought[0].template.evidence_min;
+    let judged = |untold: usize| {
+        let thing = |index: usize| {
+            let centre = at(0.06, 3.4 + 0.25 * index as f64, 0).place;
+            let fit = Fit { centre, ..FIT };
+            let first_lead = if index < untold { 0.1 } else { 0.5 };
+            Found { first_lead, evidence_per_texel, ..Found::new(0, fit) }
+        };
+        let found: Vec<Found> = (0..10).map(thing).collect();
+        let judgement = judge(&detector, &detector.view(&over_camera()), &config, &found);
+        let sure = judgement.candidates.iter().filter(|candidate| candidate.pose.is_some()).count();
+        (sure, judgement.health.recognised, judgement.health.causes().contains(&HealthCause::LooksAlike))
+    };
+    assert_eq!(judged(1), (9, 9, false));
+    assert_eq!(judged(2), (0, 0, true));
+}
+
+/// Of eleven grommets as taught, eight in one pose and three in the other, and one that fits worse than any may.
+#[test]
+fn what_three_of_four_recognised_parts_miss_is_told_by_pose_and_of_all() {
+    let scene = scene(&GROMMET, 2.0);
+    let config = SelectorConfig::default();
+    let mut detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Taught);
+    detector.look(&simple_picture(&[]), &over_camera(), config.contrast_min_levels).unwrap();
+    let judged = |parts: &[(usize, f32)]| {
+        let thing = |(index, (pose, share)): (usize, &(usize, f32))| {
+            let centre = at(0.06, 3.3 + 0.2 * index as f64, 0).place;
+            let cost = share * detector.sought[*pose].miss_max();
+            Found::new(*pose, Fit { centre, cost, ..FIT })
+        };
+        let found: Vec<Found> = parts.iter().enumerate().map(thing).collect();
+        judge(&detector, &detector.view(&over_camera()), &config, &found)
+    };
+    let close = |told: Option<f64>, wanted: f64| told.is_some_and(|told| (told - wanted).abs() < 1e-6);
+    let lying: Vec<(usize, f32)> = [0.8, 0.1, 0.5, 0.3, 0.2, 0.7, 0.6, 0.4].map(|share| (0, share)).to_vec();
+    let judgement = judged(&[lying, vec![(1, 0.15), (1, 0.25), (1, 0.05), (1, 1.1)]].concat());
+    assert_eq!(judgement.health.recognised, 11);
+    assert!(close(judgement.miss_ratios[0], 0.3), "{:?}", judgement.miss_ratios);
+    assert_eq!(judgement.miss_ratios[1..], [None], "three are too few");
+    assert!(close(judgement.miss_ratio, 0.15), "{:?}", judgement.miss_ratio);
+    assert!(close(Some(judgement.health.miss_ratio), 0.3), "{:?}", judgement.health);
+    assert!(close(judged(&[(0, 0.4), (1, 0.2)]).miss_ratio, 0.2), "two of any pose tell something");
+    let alone = judged(&[(0, 0.4)]);
+    assert_eq!((alone.miss_ratio, alone.health.miss_ratio.to_bits()), (None, 0), "one does not");
+}
