@@ -93,9 +93,7 @@ impl fmt::Display for HealthCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::NothingRecognised => "much of the plateau is covered or shaded, and nothing there is recognised",
-            Self::LooksAlike => {
-                "the part looks alike in two poses or yaws, and is not recognised in them: teach it in this light"
-            }
+            Self::LooksAlike => "the part looks alike in two poses or yaws, and is not recognised in them",
             Self::LightDiffers => "the light differs from the one taught",
             Self::Clipped => "the image is wrongly exposed: part of the plateau is quite black or quite white",
             Self::Blurred => "parts are blurred: the lens is out of focus",
