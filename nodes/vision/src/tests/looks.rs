@@ -58,6 +58,15 @@ fn a_look_contradicts_another_in_pose_yaw_or_place() {
 }
 
 #[test]
+fn what_the_other_look_sees_elsewhere_makes_a_thing_neither_surer_nor_more_beset() {
+    let less_sure = Candidate { confidence: 0.6, ..SEEN };
+    let lent = |other: Candidate| together(look(0.95, less_sure, 0.01, 0.01), look(0.9, other, 0.001, 0.01), true);
+    let (same, elsewhere) = (lent(SEEN), lent(Candidate { x_m: 0.02, ..SEEN }));
+    assert!(same.confidence > 0.99 && same.part_gap_m < 0.002, "{same:?}");
+    assert!(elsewhere.confidence < 0.61 && elsewhere.part_gap_m > 0.009, "{elsewhere:?}");
+}
+
+#[test]
 fn the_look_that_explains_more_counts_and_that_in_the_light_taught_only_where_it_explains_much() {
     let unsure = Candidate { pose: None, confidence: 0.0, ..SEEN };
     let pose = |taught_ratio: f64, any_ratio: f64| {
