@@ -4,14 +4,25 @@ use std::sync::LazyLock;
 
 use super::*;
 use crate::align::Fit;
-use crate::candidate::{is_recognised, judge, looks_alike};
+use crate::candidate::{Judgement, is_recognised, judge, looks_alike};
 use crate::detector::{Detector, Found};
 use crate::modes::{Light, MODES, SCALE, SCALE_SPREAD};
 
-static IN_ANY_LIGHT: LazyLock<Detector> = LazyLock::new(|| {
+static IN_ANY_LIGHT: LazyLock<Detector> = LazyLock::new(|| detector(Light::Any));
+static IN_LIGHT_TAUGHT: LazyLock<Detector> = LazyLock::new(|| detector(Light::Taught));
+
+/// Has looked at a bare plateau.
+fn detector(light: Light) -> Detector {
     let scene = scene(&GROMMET, 2.0);
-    Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any)
-});
+    let mut detector = Detector::new(&scene.camera, &scene.tray, &MODEL, light);
+    let contrast_min_levels = SelectorConfig::default().contrast_min_levels;
+    detector.look(&simple_picture(&[]), &over_camera(), contrast_min_levels).unwrap();
+    detector
+}
+
+fn judged(detector: &Detector, found: &[Found]) -> Judgement {
+    judge(detector, &detector.view(&over_camera()), &SelectorConfig::default(), found)
+}
 
 /// Fits well, and as taught.
 const FIT: Fit =
@@ -101,14 +112,9 @@ fn what_fits_no_better_than_it_may_or_as_well_at_another_yaw_is_not_recognised()
 
 #[test]
 fn a_pose_is_surer_the_better_it_fits_and_the_more_it_leads() {
-    let scene = scene(&GROMMET, 2.0);
-    let config = SelectorConfig::default();
-    let mut detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
-    detector.look(&simple_picture(&[]), &over_camera(), config.contrast_min_levels).unwrap();
-    let (miss_max, lead_min) = (detector.sought[0].miss_max(), feeder_model::camera::single(config.evidence_lead_min));
-    let sure = |change: &dyn Fn(&mut Found)| {
-        judge(&detector, &detector.view(&over_camera()), &config, &[grommet_but(change)]).candidates[0].confidence
-    };
+    let miss_max = IN_ANY_LIGHT.sought[0].miss_max();
+    let lead_min = feeder_model::camera::single(SelectorConfig::default().evidence_lead_min);
+    let sure = |change: &dyn Fn(&mut Found)| judged(&IN_ANY_LIGHT, &[grommet_but(change)]).candidates[0].confidence;
     let fits = |share: f32| sure(&|part| part.fit.cost = share * miss_max);
     let leads = |times: f32| sure(&|part| part.lead = times * lead_min);
     let among = |ratio: f32| sure(&|part| part.lead_ratio = Some(ratio));
@@ -143,9 +149,7 @@ fn a_part_alone_may_be_seen_further_from_taught_than_one_among_its_like_from_the
 /// Of things that may lie in either of two poses, so many were led by next to nothing, and so many lie as well the other way round.
 #[test]
 fn where_light_leaves_two_poses_or_yaws_looking_alike_for_some_none_is_sure_of_them() {
-    let scene = scene(&GROMMET, 2.0);
-    let alike = |light: Light, things: usize, untold: usize, turned: usize, rivals: usize| {
-        let detector = Detector::new(&scene.camera, &scene.tray, &MODEL, light);
+    let alike = |detector: &Detector, things: usize, untold: usize, turned: usize, rivals: usize| {
         let thing = |index: usize| Found {
             first_lead: if index < untold { 0.1 } else { 0.5 },
             turned: (index < turned).then_some(0.2),
@@ -153,33 +157,32 @@ fn where_light_leaves_two_poses_or_yaws_looking_alike_for_some_none_is_sure_of_t
             ..Found::new(0, FIT)
         };
         let found: Vec<Found> = (0..things).map(thing).collect();
-        looks_alike(&detector, &SelectorConfig::default(), &found)
+        looks_alike(detector, &SelectorConfig::default(), &found)
     };
-    assert_eq!(alike(Light::Any, 10, 1, 0, 10), [false, false], "one is no rule");
-    assert_eq!(alike(Light::Any, 10, 2, 0, 10), [true, true]);
-    assert_eq!(alike(Light::Any, 11, 2, 0, 11), [false, false], "two of eleven are few");
-    assert_eq!(alike(Light::Any, 10, 2, 0, 1), [true, false], "only one of them may lie in the other pose");
-    assert_eq!(alike(Light::Any, 10, 0, 4, 0), [false, false], "most show which way round they lie");
-    assert_eq!(alike(Light::Any, 10, 0, 5, 0), [true, false]);
-    assert_eq!(alike(Light::Taught, 10, 10, 10, 10), [false, false], "in the light taught each part tells for itself");
+    assert_eq!(alike(&IN_ANY_LIGHT, 10, 1, 0, 10), [false, false], "one is no rule");
+    assert_eq!(alike(&IN_ANY_LIGHT, 10, 2, 0, 10), [true, true]);
+    assert_eq!(alike(&IN_ANY_LIGHT, 11, 2, 0, 11), [false, false], "two of eleven are few");
+    assert_eq!(alike(&IN_ANY_LIGHT, 10, 2, 0, 1), [true, false], "only one of them may lie in the other pose");
+    assert_eq!(alike(&IN_ANY_LIGHT, 10, 0, 4, 0), [false, false], "most show which way round they lie");
+    assert_eq!(alike(&IN_ANY_LIGHT, 10, 0, 5, 0), [true, false]);
+    assert_eq!(
+        alike(&IN_LIGHT_TAUGHT, 10, 10, 10, 10),
+        [false, false],
+        "in the light taught each part tells for itself"
+    );
 }
 
 #[test]
 fn what_looks_alike_in_two_poses_is_recognised_in_neither_and_that_is_told() {
-    let scene = scene(&GROMMET, 2.0);
-    let config = SelectorConfig::default();
-    let mut detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Any);
-    detector.look(&simple_picture(&[]), &over_camera(), config.contrast_min_levels).unwrap();
-    let evidence_per_texel = 1.1 * detector.sought[0].template.evidence_min;
     let judged = |untold: usize| {
         let thing = |index: usize| {
-            let centre = at(0.06, 3.4 + 0.25 * index as f64, 0).place;
-            let fit = Fit { centre, ..FIT };
-            let first_lead = if index < untold { 0.1 } else { 0.5 };
-            Found { first_lead, evidence_per_texel, ..Found::new(0, fit) }
+            grommet_but(|part| {
+                part.fit.centre = at(0.06, 3.4 + 0.25 * index as f64, 0).place;
+                part.first_lead = if index < untold { 0.1 } else { 0.5 };
+            })
         };
         let found: Vec<Found> = (0..10).map(thing).collect();
-        let judgement = judge(&detector, &detector.view(&over_camera()), &config, &found);
+        let judgement = judged(&IN_ANY_LIGHT, &found);
         let sure = judgement.candidates.iter().filter(|candidate| candidate.pose.is_some()).count();
         (sure, judgement.health.recognised, judgement.health.causes().contains(&HealthCause::LooksAlike))
     };
@@ -190,18 +193,14 @@ fn what_looks_alike_in_two_poses_is_recognised_in_neither_and_that_is_told() {
 /// Of eleven grommets as taught, eight in one pose and three in the other, and one that fits worse than any may.
 #[test]
 fn what_three_of_four_recognised_parts_miss_is_told_by_pose_and_of_all() {
-    let scene = scene(&GROMMET, 2.0);
-    let config = SelectorConfig::default();
-    let mut detector = Detector::new(&scene.camera, &scene.tray, &MODEL, Light::Taught);
-    detector.look(&simple_picture(&[]), &over_camera(), config.contrast_min_levels).unwrap();
     let judged = |parts: &[(usize, f32)]| {
         let thing = |(index, (pose, share)): (usize, &(usize, f32))| {
             let centre = at(0.06, 3.3 + 0.2 * index as f64, 0).place;
-            let cost = share * detector.sought[*pose].miss_max();
+            let cost = share * IN_LIGHT_TAUGHT.sought[*pose].miss_max();
             Found::new(*pose, Fit { centre, cost, ..FIT })
         };
         let found: Vec<Found> = parts.iter().enumerate().map(thing).collect();
-        judge(&detector, &detector.view(&over_camera()), &config, &found)
+        judged(&IN_LIGHT_TAUGHT, &found)
     };
     let close = |told: Option<f64>, wanted: f64| told.is_some_and(|told| (told - wanted).abs() < 1e-6);
     let lying: Vec<(usize, f32)> = [0.8, 0.1, 0.5, 0.3, 0.2, 0.7, 0.6, 0.4].map(|share| (0, share)).to_vec();
