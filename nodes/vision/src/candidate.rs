@@ -26,14 +26,14 @@ const SIZE_OFF_IN_COMPANY_MAX: f32 = 0.08;
 const DARKER_MAX: f32 = 0.4;
 /// A part that differs from others of its pose in the frame by more than this, in spreads from part to part, is none of them; and one
 /// alone from the part taught, as where it gleams or is of a lighter batch. Foreign things alone were kept out by other evidence.
-const UNLIKE_MAX: f32 = 1.9;
+const UNLIKE_MAX: f32 = 1.8;
 const UNLIKE_ALONE_MAX: f32 = 3.8;
-/// Share of the others' lead over other explanations that a part must have to be one of them, and by how much more it is sure.
-const LEAD_RATIO_MIN: f32 = 0.4;
-const LEAD_RATIO_SURE: f32 = 0.25;
-/// Mean square miss of the template alone from which it does not hold, whatever the parts of the frame have in common: it
-/// is about 1 at most where it does.
-const ALONE_COST_MAX: f32 = 1.25;
+/// Share of the others' lead over other explanations that a part must have to be one of them. Seen of parts 0.8 and more, and of washers
+/// that gleam under a dome 0.63.
+const LEAD_RATIO_MIN: f32 = 0.65;
+/// Mean square miss of the template alone from which it does not hold, whatever the parts of the frame have in common: seen of parts
+/// up to 1.7, in lights far from the one taught.
+const ALONE_COST_MAX: f32 = 1.8;
 /// Where at least so many things that may lie in a pose, and this share of them, looked as much like another pose before the frame's own
 /// light was known, or this share lies as well the other way round, the light does not tell these apart: what it seems to tell of
 /// the rest is chance. Set by hand: in path-traced frames in which parts were taken for others the shares were 0.2 to 0.6 and 0.5 and
@@ -308,14 +308,13 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
     led && like && strong && part.first_cost <= ALONE_COST_MAX
 }
 
-/// How sure the pose of a recognised part is: from one half at the least accepted to 1, with the match and with the lead over other
-/// explanations.
+/// How sure the pose of a recognised part is: from one half at the least accepted to 1, with the match and, where its like do not tell of it,
+/// with the lead over other explanations.
 fn confidence(detector: &Detector, part: &Found, config: &SelectorConfig) -> f64 {
     let lead_min = single(config.evidence_lead_min);
     let miss_max = detector.sought[part.pose].miss_max();
     let matched = (miss_max - part.fit.cost) / (0.5 * miss_max);
-    let led =
-        part.lead_ratio.map_or((part.lead - lead_min) / lead_min, |ratio| (ratio - LEAD_RATIO_MIN) / LEAD_RATIO_SURE);
+    let led = if part.lead_ratio.is_some() { 1.0 } else { (part.lead - lead_min) / lead_min };
     f64::from(0.5 + 0.5 * matched.min(led).clamp(0.0, 1.0))
 }
 

@@ -101,6 +101,11 @@ pub(crate) struct Shading {
 }
 
 impl Shading {
+    #[cfg(test)]
+    pub(crate) fn of_lamp(diffuse: f32, toward_lamp: Vector2<f32>) -> Self {
+        Self { diffuse, toward_lamp }
+    }
+
     /// Brightness of a surface z(x, y) with this gradient, of whose lamp light the share `lit` arrives.
     pub(crate) fn on_slope(&self, gradient: Vector2<f32>, lit: f32) -> f32 {
         let toward = 1.0 - gradient.dot(&self.toward_lamp);
@@ -115,7 +120,12 @@ impl Shading {
 
     /// Brightness of an upright wall facing the horizontal unit vector `normal`: it sees half of the diffuse light.
     pub(crate) fn on_wall(&self, normal: Vector2<f32>) -> f32 {
-        0.5 * self.diffuse + (1.0 - self.diffuse) * normal.dot(&self.toward_lamp).max(0.0)
+        0.5 * self.diffuse + self.lamp_on_wall(normal)
+    }
+
+    /// The same of what comes straight from the lamp.
+    pub(crate) fn lamp_on_wall(&self, normal: Vector2<f32>) -> f32 {
+        (1.0 - self.diffuse) * normal.dot(&self.toward_lamp).max(0.0)
     }
 
     /// Share of the light that does not come straight from the lamp.

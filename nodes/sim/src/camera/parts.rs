@@ -187,7 +187,7 @@ impl PartPainter {
             foot,
             top,
             px_per_m: single(px_from_texels.determinant().abs().sqrt() / texel_m),
-            path: path(texels_from_px * (foot - top), relief.top_m),
+            path: path(texels_from_px * (foot - top), relief),
             // PartInView at a later time the part has moved on: the line of sight meets it further back.
             sights: SIGHT_PLACES.map(|(x, y, time)| texels_from_px * (Vector2::new(x, y) - motion_px * time)),
             motion_px: motion_px.norm(),

@@ -1,9 +1,12 @@
 //! A part in one resting pose as a map of heights, lit from every side beforehand.
 //!
 //! The map is what a camera straight above sees; a camera beside sees the same surfaces and the upright faces between
-//! them, which the heights imply. What lies under an overhang is not seen. For each direction the lamp may have relative to
-//! the part, the brightness of every point is kept, with the shadows that the part throws on itself and on the floor.
+//! them, which the heights imply, and under overhangs: each point of the map is solid from its top down to the lowest of the part
+//! there. For each direction the lamp may have relative to the part, the brightness of every point is kept, with the shadows that
+//! the part throws on itself and on the floor. The floor under an overhang is taken to be as bright as the nearest beside it: no more than
+//! a strip along the edge is ever seen.
 
+use std::collections::VecDeque;
 use std::f32::consts::TAU;
 
 use nalgebra::{Point3, UnitQuaternion, Vector2};
@@ -38,8 +41,14 @@ pub(super) struct Relief {
     pub(super) reach_m: f32,
     /// Height of the surface, m; 0 is the floor.
     heights_m: Vec<f32>,
+    /// Height from which up the part is there, m: more than 0 under an overhang.
+    undersides_m: Vec<f32>,
+    /// Whether that is so anywhere.
+    overhangs: bool,
+    /// The texel whose floor is seen at a texel: itself, or under an overhang the nearest bare one.
+    floors: Vec<usize>,
     /// The upright face that ends at a texel.
-    walls: Vec<Option<Wall>>,
+    walls: Vec<Option<Box<Wall>>>,
     /// How steeply lamps for which brightness is kept fall, as the length of the shadow of a post of unit height.
     steepnesses: Vec<f32>,
     /// Share of the light that the floor throws back.
@@ -49,10 +58,22 @@ pub(super) struct Relief {
 }
 
 /// An upright face.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Wall {
     normal: Vector2<f32>,
     reflectance: f32,
+    /// Share of the light from the sky and the floor before it that the part leaves it.
+    open: f32,
+    /// For each azimuth the tangent of the angle up to which the part stands in the way, seen from half way up.
+    horizon: [f32; AZIMUTHS],
+}
+
+impl Wall {
+    /// How bright it is under a lamp.
+    fn brightness(&self, shading: &Shading, (azimuth, lamp_tan): (usize, f32), thrown_back: f32) -> f32 {
+        let from_lamp = arriving(lamp_tan, self.horizon[azimuth]) * shading.lamp_on_wall(self.normal);
+        self.reflectance * (from_lamp + self.open * 0.5 * (shading.diffuse() + thrown_back))
+    }
 }
 
 /// What a line of sight meets.
@@ -92,6 +113,7 @@ impl Relief {
             });
             raster.draw(corners, single(*reflectance));
         }
+        let undersides_m: Vec<f32> = raster.undersides_m(2.0 * texel_m).map(single).collect();
         let mut relief = Self {
             side,
             texel_m: single(texel_m),
@@ -99,18 +121,47 @@ impl Relief {
             radius_m: single(radius_m),
             reach_m: single(reach_m),
             heights_m: raster.heights_m.iter().copied().map(single).collect(),
+            overhangs: undersides_m.iter().any(|underside_m| *underside_m > 0.0),
+            undersides_m,
+            floors: Vec::new(),
             walls: Vec::new(),
             steepnesses: steepnesses.to_vec(),
             thrown_back,
             brightness: Vec::new(),
         };
+        relief.floors = relief.floors();
         relief.light(&raster, diffuse);
         relief
     }
 
+    /// See the field of this name.
+    fn floors(&self) -> Vec<usize> {
+        let mut floors: Vec<usize> = (0..self.heights_m.len()).collect();
+        let mut reached: Vec<bool> = self.heights_m.iter().map(|height_m| *height_m <= 0.0).collect();
+        let mut border: VecDeque<usize> = (0..reached.len()).filter(|index| reached[*index]).collect();
+        while let Some(index) = border.pop_front() {
+            for beside in self.beside(index) {
+                if !reached[beside] && self.undersides_m[beside] > 0.0 {
+                    (reached[beside], floors[beside]) = (true, floors[index]);
+                    border.push_back(beside);
+                }
+            }
+        }
+        floors
+    }
+
+    /// The texels that touch a texel's sides.
+    fn beside(&self, index: usize) -> impl Iterator<Item = usize> {
+        let (side, column, row) = (self.side, index % self.side, index / self.side);
+        let left = (column > 0).then(|| index - 1);
+        let right = (column + 1 < side).then(|| index + 1);
+        let below = (row > 0).then(|| index - side);
+        let above = (row + 1 < side).then(|| index + side);
+        [left, right, below, above].into_iter().flatten()
+    }
+
     fn light(&mut self, raster: &Raster, diffuse: f32) {
-        let wall =
-            |index: usize| self.downhill(index).map(|normal| Wall { normal, reflectance: raster.reflectances[index] });
+        let wall = |index: usize| self.wall(index, self.downhill(index)?, raster.reflectances[index]).map(Box::new);
         self.walls = (0..self.heights_m.len()).map(wall).collect();
         let horizons: Vec<Vec<f32>> = (0..AZIMUTHS).map(|azimuth| self.horizon(azimuth)).collect();
         let openness: Vec<f32> = (0..self.heights_m.len())
@@ -124,10 +175,10 @@ impl Relief {
             self.steepnesses.iter().flat_map(|steepness| horizons.iter().enumerate().map(move |to| (steepness, to)));
         let mut brightness = Vec::with_capacity(self.steepnesses.len() * AZIMUTHS * self.heights_m.len());
         for (steepness, (azimuth, horizon)) in lamps {
-            let lamp_tan = 1.0 / steepness.max(1e-3);
+            let lamp_tan = lamp_tan(*steepness);
             let toward = direction(azimuth) * *steepness;
             for index in 0..self.heights_m.len() {
-                let lit = (0.5 + (lamp_tan - horizon[index]) / (PENUMBRA * lamp_tan)).clamp(0.0, 1.0);
+                let lit = arriving(lamp_tan, horizon[index]);
                 let slope = raster.slopes[index];
                 let level = 1.0 / (1.0 + slope.norm_squared()).sqrt();
                 let facing = (1.0 - slope.dot(&toward)).max(0.0) * level;
@@ -153,48 +204,77 @@ impl Relief {
         if column == 0 || row == 0 || column + 1 == self.side || row + 1 == self.side {
             return None;
         }
-        let here = self.heights_m[index];
-        let (mut downhill, mut lowest) = (Vector2::zeros(), here);
+        let (top_m, underside_m) = (self.heights_m[index], self.undersides_m[index]);
+        let (mut downhill, mut most_m) = (Vector2::zeros(), 0.0_f32);
         for (dx, dy) in [(0, 0), (1, 0), (2, 0), (0, 1), (2, 1), (0, 2), (1, 2), (2, 2)] {
-            let there = self.heights_m[(row + dy - 1) * self.side + column + dx - 1];
+            let there = (row + dy - 1) * self.side + column + dx - 1;
             let away = Vector2::new(dx as f32 - 1.0, dy as f32 - 1.0);
-            downhill += away / away.norm() * (here - there);
-            lowest = lowest.min(there);
+            // How much of it there is nothing beside, above and, under an overhang, below.
+            let (above_m, below_m) = (top_m - self.heights_m[there], self.undersides_m[there] - underside_m);
+            downhill += away / away.norm() * (above_m + below_m.max(0.0));
+            most_m = most_m.max(above_m).max(below_m);
         }
         let length = downhill.norm();
         // Steeper than 63°.
-        let upright = here - lowest > 2.0 * self.texel_m && length > 0.0;
+        let upright = most_m > 2.0 * self.texel_m && length > 0.0;
         upright.then(|| downhill / length)
+    }
+
+    /// The upright face that ends at a texel and faces this way.
+    fn wall(&self, index: usize, normal: Vector2<f32>, reflectance: f32) -> Option<Wall> {
+        // What lies before it, clear of it where it runs aslant of the map.
+        const BEFORE_TEXELS: f32 = 1.5;
+        let middle = Vector2::new((index % self.side) as f32, (index / self.side) as f32).add_scalar(0.5);
+        let before = middle + normal * BEFORE_TEXELS;
+        let foot_m = self.texel(before.x, before.y).map(|before| self.heights_m[before])?;
+        let top_m = self.heights_m[index];
+        // Under an overhang what lies before it is above it.
+        let foot_m = if foot_m < top_m { foot_m.max(self.undersides_m[index]) } else { 0.0 };
+        let middle_m = 0.5 * (top_m + foot_m);
+        let horizon = std::array::from_fn(|azimuth| self.against_sky(before, middle_m, direction(azimuth)));
+        // A face sees what is before it by the cosine, and by the cosine squared of the height.
+        let seen = |(azimuth, horizon_tan): (usize, &f32)| {
+            let height = horizon_tan.atan();
+            let facing = direction(azimuth).dot(&normal).max(0.0);
+            (facing, facing * (1.0 - 2.0 * std::f32::consts::FRAC_1_PI * (height + height.sin() * height.cos())))
+        };
+        let seen = horizon.iter().enumerate().map(seen);
+        let (all, open) = seen.fold((0.0, 0.0), |(all, open), (facing, seen)| (all + facing, open + seen));
+        Some(Wall { normal, reflectance, open: open / all, horizon })
     }
 
     /// Tangent of the angle up to which the part stands in the way, seen from each texel towards an azimuth.
     fn horizon(&self, azimuth: usize) -> Vec<f32> {
-        let step = direction(azimuth);
-        let mut horizon = vec![0.0_f32; self.heights_m.len()];
-        for (row, line) in horizon.chunks_mut(self.side).enumerate() {
-            for (column, highest) in line.iter_mut().enumerate() {
-                let Some(first) = self.steps_to_part(row, column, step) else { continue };
-                let here = self.heights_m[row * self.side + column];
-                let rise_m_max = self.top_m - here;
-                let mut steps = first.max(1.0);
-                // Further on nothing can stand higher against the sky, or high enough to matter.
-                while rise_m_max > highest.max(HORIZON_TAN_MIN) * (steps * self.texel_m) {
-                    let (x, y) = (column as f32 + 0.5 + steps * step.x, row as f32 + 0.5 + steps * step.y);
-                    let Some(there) = self.texel(x, y) else {
-                        break;
-                    };
-                    *highest = highest.max((self.heights_m[there] - here) / (steps * self.texel_m));
-                    steps += 1.0;
-                }
-            }
-        }
-        horizon
+        let towards = direction(azimuth);
+        let seen = |index: usize| {
+            let middle = Vector2::new((index % self.side) as f32, (index / self.side) as f32).add_scalar(0.5);
+            self.against_sky(middle, self.heights_m[index], towards)
+        };
+        (0..self.heights_m.len()).map(seen).collect()
     }
 
-    /// After how many whole steps in a direction the part may begin, seen from a texel; `None` if it lies beside or behind.
-    fn steps_to_part(&self, row: usize, column: usize, step: Vector2<f32>) -> Option<f32> {
+    /// The same seen from a place in texels and a height.
+    fn against_sky(&self, from: Vector2<f32>, height_m: f32, step: Vector2<f32>) -> f32 {
+        let mut highest = 0.0_f32;
+        let Some(first) = self.steps_to_part(from, step) else { return highest };
+        let rise_m_max = self.top_m - height_m;
+        let mut steps = first.max(1.0);
+        // Further on nothing can stand higher against the sky, or high enough to matter.
+        while rise_m_max > highest.max(HORIZON_TAN_MIN) * (steps * self.texel_m) {
+            let place = from + steps * step;
+            let Some(there) = self.texel(place.x, place.y) else {
+                break;
+            };
+            highest = highest.max((self.heights_m[there] - height_m) / (steps * self.texel_m));
+            steps += 1.0;
+        }
+        highest
+    }
+
+    /// After how many whole steps in a direction the part may begin, seen from a place in texels; `None` if it lies beside or behind.
+    fn steps_to_part(&self, from: Vector2<f32>, step: Vector2<f32>) -> Option<f32> {
         let radius = self.radius_m / self.texel_m + 2.0;
-        let from_middle = Vector2::new(column as f32 + 0.5, row as f32 + 0.5) - Vector2::repeat(self.middle());
+        let from_middle = from - Vector2::repeat(self.middle());
         let outside = from_middle.norm_squared() - radius * radius;
         if outside <= 0.0 {
             return Some(0.0);
@@ -224,7 +304,13 @@ impl Relief {
         let azimuth = (turns * AZIMUTHS as f64).round() as usize % AZIMUTHS;
         let lamp = steep * AZIMUTHS + azimuth;
         let texels = self.heights_m.len();
-        Lamp { relief: self, brightness: &self.brightness[lamp * texels..(lamp + 1) * texels] }
+        let brightness = &self.brightness[lamp * texels..(lamp + 1) * texels];
+        Lamp {
+            relief: self,
+            azimuth,
+            lamp_tan: lamp_tan(self.steepnesses.get(steep).copied().unwrap_or(0.0)),
+            brightness,
+        }
     }
 }
 
@@ -232,17 +318,19 @@ impl Relief {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lamp<'a> {
     relief: &'a Relief,
+    azimuth: usize,
+    lamp_tan: f32,
     brightness: &'a [u8],
 }
 
 impl Lamp<'_> {
-    /// What the part leaves of the light on the floor at a place in texels; `None` under the part.
+    /// What the part leaves of the light on the floor at a place in texels; `None` where the part stands.
     pub(super) fn floor(&self, place: Vector2<f32>) -> Option<f32> {
         let Some(index) = self.relief.texel(place.x, place.y) else {
             return Some(1.0);
         };
-        let bare = self.relief.heights_m[index] <= 0.0;
-        bare.then(|| f32::from(self.brightness[index]) * (1.0 / BRIGHTNESS_UNITS))
+        let bare = self.relief.heights_m[index] <= 0.0 || self.relief.undersides_m[index] > 0.0;
+        bare.then(|| f32::from(self.brightness[self.relief.floors[index]]) * (1.0 / BRIGHTNESS_UNITS))
     }
 
     /// Follows a line of sight that reaches the floor at `place` (texels), coming from the points `path` above it, highest
@@ -255,13 +343,14 @@ impl Lamp<'_> {
                 continue;
             };
             let height_m = relief.heights_m[index];
-            if height_m < point.height_m || height_m <= 0.0 {
+            let is_under = relief.undersides_m[index] > point.height_m + point.drop_m;
+            if height_m < point.height_m || height_m <= 0.0 || is_under {
                 continue;
             }
             if height_m - point.height_m > point.drop_m
-                && let Some(wall) = relief.walls[index]
+                && let Some(wall) = &relief.walls[index]
             {
-                return Sight::Surface(wall.reflectance * (shading.on_wall(wall.normal) + 0.5 * relief.thrown_back));
+                return Sight::Surface(wall.brightness(shading, (self.azimuth, self.lamp_tan), relief.thrown_back));
             }
             return Sight::Surface(f32::from(self.brightness[index]) * (1.0 / BRIGHTNESS_UNITS));
         }
@@ -279,10 +368,13 @@ pub(super) struct PathPoint {
     drop_m: f32,
 }
 
-/// The points of a line of sight that is displaced by `shift` texels from the floor to the height `top_m`.
-pub(super) fn path(shift: Vector2<f32>, top_m: f32) -> Vec<PathPoint> {
+/// The points of a line of sight through a relief that is displaced by `shift` texels from the floor to the relief's top.
+pub(super) fn path(shift: Vector2<f32>, relief: &Relief) -> Vec<PathPoint> {
     const STEPS_MAX: f32 = 48.0;
-    let steps = shift.norm().ceil().clamp(1.0, STEPS_MAX);
+    // What overhangs seems to reach down by a step.
+    let steps_min = if relief.overhangs { 16.0 } else { 1.0 };
+    let steps = shift.norm().ceil().clamp(steps_min, STEPS_MAX);
+    let top_m = relief.top_m;
     let drop_m = top_m / steps;
     let mut points = Vec::new();
     let mut step = 0.0;
@@ -296,6 +388,16 @@ pub(super) fn path(shift: Vector2<f32>, top_m: f32) -> Vec<PathPoint> {
     points
 }
 
+/// Tangent of the height of a lamp whose light falls so steeply.
+fn lamp_tan(steepness: f32) -> f32 {
+    1.0 / steepness.max(1e-3)
+}
+
+/// Share of a lamp's light that arrives where something stands in the way up to a height, both as tangents.
+fn arriving(lamp_tan: f32, horizon_tan: f32) -> f32 {
+    (0.5 + (lamp_tan - horizon_tan) / (PENUMBRA * lamp_tan)).clamp(0.0, 1.0)
+}
+
 fn direction(azimuth: usize) -> Vector2<f32> {
     let (sin, cos) = (TAU * azimuth as f32 / AZIMUTHS as f32).sin_cos();
     Vector2::new(cos, sin)
@@ -306,6 +408,8 @@ struct Raster {
     side: usize,
     texel_m: f64,
     heights_m: Vec<f64>,
+    /// Of the lowest surface that faces down; infinite where none does.
+    lowest_m: Vec<f64>,
     slopes: Vec<Vector2<f32>>,
     reflectances: Vec<f32>,
 }
@@ -317,19 +421,27 @@ impl Raster {
             side,
             texel_m,
             heights_m: vec![0.0; texels],
+            lowest_m: vec![f64::INFINITY; texels],
             slopes: vec![Vector2::zeros(); texels],
             // The floor sends back what it does without the part.
             reflectances: vec![1.0; texels],
         }
     }
 
-    /// Draws a triangle if it faces up.
+    /// Height from which up the part is there: 0 where that is no more than `least_m`, and where the part is not.
+    fn undersides_m(&self, least_m: f64) -> impl Iterator<Item = f64> {
+        let columns = self.heights_m.iter().zip(&self.lowest_m);
+        columns.map(move |(top_m, lowest_m)| if (least_m..*top_m).contains(lowest_m) { *lowest_m } else { 0.0 })
+    }
+
+    /// Draws a triangle, unless it stands upright.
     fn draw(&mut self, corners: [Point3<f64>; 3], reflectance: f32) {
         let [a, b, c] = corners;
         let normal = (b - a).cross(&(c - a));
-        if normal.z <= 1e-9 * normal.norm() {
+        if normal.z.abs() <= 1e-9 * normal.norm() {
             return;
         }
+        let faces = normal.z.signum();
         let slope = Vector2::new(-normal.x, -normal.y) / normal.z;
         // The part's origin lies where texels meet, and with it edges at whole numbers of texels. In the middle of texels a
         // rounding would decide whether those belong to the part.
@@ -351,13 +463,15 @@ impl Raster {
                     (to.x - from.x) * (y - from.y) - (to.y - from.y) * (x - from.x)
                 };
                 // A hair outside counts, so that no gap opens between triangles.
-                let least = -1e-9 * normal.z;
-                if beside(&a, &b) < least || beside(&b, &c) < least || beside(&c, &a) < least {
+                let least = -1e-9 * normal.z.abs();
+                if [beside(&a, &b), beside(&b, &c), beside(&c, &a)].iter().any(|beside| faces * beside < least) {
                     continue;
                 }
                 let height_m = a.z + slope.x * (x - a.x) + slope.y * (y - a.y);
                 let index = row * self.side + column;
-                if height_m > self.heights_m[index] {
+                if faces < 0.0 {
+                    self.lowest_m[index] = self.lowest_m[index].min(height_m);
+                } else if height_m > self.heights_m[index] {
                     self.heights_m[index] = height_m;
                     self.slopes[index] = slope.map(single);
                     self.reflectances[index] = reflectance;
@@ -376,6 +490,58 @@ mod tests {
         let solid = PartSolid::of_catalogue("block");
         let relief = Relief::new(&solid, &solid.poses[0], texel_m, 1.0, &[0.0], 0.0);
         relief.heights_m.iter().filter(|height_m| **height_m > 0.0).count() as f64 * texel_m.powi(2)
+    }
+
+    const TEXEL_M: f64 = 0.000_08;
+
+    /// A grommet with its flange of 5 mm up, on a boss of 3 mm: 2 mm high, the flange from 1.2 mm.
+    fn grommet() -> Relief {
+        let solid = PartSolid::of_catalogue("grommet");
+        Relief::new(&solid, &solid.poses[0], TEXEL_M, 0.5, &[0.5], 0.0)
+    }
+
+    /// What is seen along the x axis from a slant to the left through a place on the floor, m from the part's middle, with the lamp to the left.
+    fn seen_from_the_left(relief: &Relief, x_m: f32, slant: f32) -> Sight {
+        let towards_eye = -relief.top_m * slant / relief.texel_m;
+        let place = Vector2::new(relief.middle() + x_m / relief.texel_m, relief.middle() + 0.5);
+        let shading = Shading::of_lamp(0.5, Vector2::new(-0.5, 0.0));
+        let lamp = relief.lamp(std::f64::consts::PI, 0.5);
+        lamp.look(place, &path(Vector2::new(towards_eye, 0.0), relief), &shading)
+    }
+
+    #[test]
+    fn the_floor_under_an_overhang_is_seen_from_aside_and_what_overhangs_is_not_drawn_down_to_it() {
+        let relief = grommet();
+        let is_floor = |x_m: f32| matches!(seen_from_the_left(&relief, x_m, 0.2), Sight::Floor);
+        // Its lower edge, 1.2 mm up at 2.5 mm to the left, hides the floor from 0.24 mm to the right of it on; drawn down to the floor it
+        // would from there on.
+        assert!(is_floor(-0.0026) && is_floor(-0.0024) && !is_floor(-0.0021));
+        // To the right its upper edge, 2 mm up, hides 0.4 mm of the floor beyond.
+        assert!(!is_floor(0.0028) && is_floor(0.0030));
+        // Nor is it so dark there that it could not be told from the flange's side: as dark as beside.
+        let lamp = relief.lamp(std::f64::consts::PI, 0.5);
+        let floor = |x_m: f32| lamp.floor(Vector2::new(relief.middle() + x_m / relief.texel_m, relief.middle() + 0.5));
+        assert!(floor(-0.0024).is_some() && floor(-0.0024) == floor(-0.00256) && floor(-0.001).is_none());
+    }
+
+    #[test]
+    fn the_wall_of_a_bore_is_in_the_dark_and_a_wall_outside_is_not() {
+        let relief = grommet();
+        let wall = |x_m: f32| {
+            relief.walls[relief.texel(relief.middle() + x_m / relief.texel_m, relief.middle() + 0.5).unwrap()].clone()
+        };
+        let (bore, outside) = (wall(0.000_72).unwrap(), wall(-0.002_48).unwrap());
+        // Both face the lamp to the left.
+        assert!(bore.normal.x < -0.9 && outside.normal.x < -0.9, "{bore:?} {outside:?}");
+        assert!(outside.open > 0.99 && (0.1..0.6).contains(&bore.open), "{} {}", outside.open, bore.open);
+        let shading = Shading::of_lamp(0.5, Vector2::new(-0.5, 0.0));
+        let lit = |wall: &Wall| wall.brightness(&shading, (AZIMUTHS / 2, 2.0), 0.0) / wall.reflectance;
+        assert!(
+            (lit(&outside) - 0.5).abs() < 0.01 && lit(&bore) < 0.7 * lit(&outside),
+            "{} {}",
+            lit(&outside),
+            lit(&bore)
+        );
     }
 
     #[test]
