@@ -11,6 +11,7 @@ pub mod codec;
 mod light;
 mod noise;
 mod parts;
+mod raster;
 mod relief;
 mod render;
 mod scene;

@@ -12,6 +12,7 @@ use std::f32::consts::TAU;
 use nalgebra::{Point3, UnitQuaternion, Vector2};
 
 use super::light::Shading;
+use super::raster::Raster;
 use super::solid::PartSolid;
 use feeder_model::camera::single;
 
@@ -224,8 +225,7 @@ impl Relief {
     fn wall(&self, index: usize, normal: Vector2<f32>, reflectance: f32) -> Option<Wall> {
         // What lies before it, clear of it where it runs aslant of the map.
         const BEFORE_TEXELS: f32 = 1.5;
-        let middle = Vector2::new((index % self.side) as f32, (index / self.side) as f32).add_scalar(0.5);
-        let before = middle + normal * BEFORE_TEXELS;
+        let before = self.place(index) + normal * BEFORE_TEXELS;
         let foot_m = self.texel(before.x, before.y).map(|before| self.heights_m[before])?;
         let top_m = self.heights_m[index];
         // Under an overhang what lies before it is above it.
@@ -246,10 +246,7 @@ impl Relief {
     /// Tangent of the angle up to which the part stands in the way, seen from each texel towards an azimuth.
     fn horizon(&self, azimuth: usize) -> Vec<f32> {
         let towards = direction(azimuth);
-        let seen = |index: usize| {
-            let middle = Vector2::new((index % self.side) as f32, (index / self.side) as f32).add_scalar(0.5);
-            self.against_sky(middle, self.heights_m[index], towards)
-        };
+        let seen = |index: usize| self.against_sky(self.place(index), self.heights_m[index], towards);
         (0..self.heights_m.len()).map(seen).collect()
     }
 
@@ -288,6 +285,11 @@ impl Relief {
     fn texel(&self, x: f32, y: f32) -> Option<usize> {
         let inside = x >= 0.0 && y >= 0.0 && x < self.side as f32 && y < self.side as f32;
         inside.then(|| y as usize * self.side + x as usize)
+    }
+
+    /// Texel coordinates of a texel's middle.
+    fn place(&self, index: usize) -> Vector2<f32> {
+        Vector2::new((index % self.side) as f32, (index / self.side) as f32).add_scalar(0.5)
     }
 
     /// Texel coordinates of the part's origin.
@@ -401,84 +403,6 @@ fn arriving(lamp_tan: f32, horizon_tan: f32) -> f32 {
 fn direction(azimuth: usize) -> Vector2<f32> {
     let (sin, cos) = (TAU * azimuth as f32 / AZIMUTHS as f32).sin_cos();
     Vector2::new(cos, sin)
-}
-
-/// A depth buffer seen from above.
-struct Raster {
-    side: usize,
-    texel_m: f64,
-    heights_m: Vec<f64>,
-    /// Of the lowest surface that faces down; infinite where none does.
-    lowest_m: Vec<f64>,
-    slopes: Vec<Vector2<f32>>,
-    reflectances: Vec<f32>,
-}
-
-impl Raster {
-    fn new(side: usize, texel_m: f64) -> Self {
-        let texels = side * side;
-        Self {
-            side,
-            texel_m,
-            heights_m: vec![0.0; texels],
-            lowest_m: vec![f64::INFINITY; texels],
-            slopes: vec![Vector2::zeros(); texels],
-            // The floor sends back what it does without the part.
-            reflectances: vec![1.0; texels],
-        }
-    }
-
-    /// Height from which up the part is there: 0 where that is no more than `least_m`, and where the part is not.
-    fn undersides_m(&self, least_m: f64) -> impl Iterator<Item = f64> {
-        let columns = self.heights_m.iter().zip(&self.lowest_m);
-        columns.map(move |(top_m, lowest_m)| if (least_m..*top_m).contains(lowest_m) { *lowest_m } else { 0.0 })
-    }
-
-    /// Draws a triangle, unless it stands upright.
-    fn draw(&mut self, corners: [Point3<f64>; 3], reflectance: f32) {
-        let [a, b, c] = corners;
-        let normal = (b - a).cross(&(c - a));
-        if normal.z.abs() <= 1e-9 * normal.norm() {
-            return;
-        }
-        let faces = normal.z.signum();
-        let slope = Vector2::new(-normal.x, -normal.y) / normal.z;
-        // The part's origin lies where texels meet, and with it edges at whole numbers of texels. In the middle of texels a
-        // rounding would decide whether those belong to the part.
-        let middle = (self.side / 2) as f64 - 0.5;
-        let place = |x_m: f64| x_m / self.texel_m + middle;
-        let range = |values: [f64; 3]| {
-            let low = values.into_iter().fold(f64::INFINITY, f64::min);
-            let high = values.into_iter().fold(f64::NEG_INFINITY, f64::max);
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates")]
-            let range = (place(low).ceil() as usize)..((place(high).floor() + 1.0).max(0.0) as usize).min(self.side);
-            range
-        };
-        let (columns, rows) = (range(corners.map(|p| p.x)), range(corners.map(|p| p.y)));
-        for row in rows {
-            let y = (row as f64 - middle) * self.texel_m;
-            for column in columns.clone() {
-                let x = (column as f64 - middle) * self.texel_m;
-                let beside = |from: &Point3<f64>, to: &Point3<f64>| {
-                    (to.x - from.x) * (y - from.y) - (to.y - from.y) * (x - from.x)
-                };
-                // A hair outside counts, so that no gap opens between triangles.
-                let least = -1e-9 * normal.z.abs();
-                if [beside(&a, &b), beside(&b, &c), beside(&c, &a)].iter().any(|beside| faces * beside < least) {
-                    continue;
-                }
-                let height_m = a.z + slope.x * (x - a.x) + slope.y * (y - a.y);
-                let index = row * self.side + column;
-                if faces < 0.0 {
-                    self.lowest_m[index] = self.lowest_m[index].min(height_m);
-                } else if height_m > self.heights_m[index] {
-                    self.heights_m[index] = height_m;
-                    self.slopes[index] = slope.map(single);
-                    self.reflectances[index] = reflectance;
-                }
-            }
-        }
-    }
 }
 
 #[cfg(test)]
