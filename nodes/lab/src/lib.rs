@@ -12,6 +12,7 @@ mod identify_motor;
 mod plan_move;
 mod plot;
 pub mod results;
+mod scene;
 mod slip_study;
 mod try_motors;
 mod try_suite;
@@ -48,6 +49,7 @@ enum Command {
     PlanMove(plan_move::Args),
     Plot(plot::Args),
     Results(results::Args),
+    Scene(scene::Args),
     ScorePictures(vision::score_pictures::Args),
     ScoreVision(vision::score_vision::Args),
     VisionSensitivity(vision::sensitivity::Args),
@@ -92,6 +94,7 @@ pub fn main() -> ExitCode {
             plot::run(&args)
         }
         Command::Results(args) => results::run(&args),
+        Command::Scene(args) => scene::run(&args),
         Command::ScorePictures(args) => vision::score_pictures::run(&args),
         Command::ScoreVision(args) => vision::score_vision::run(&args),
         Command::VisionSensitivity(args) => vision::sensitivity::run(&args),
