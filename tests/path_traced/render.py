@@ -375,7 +375,7 @@ def main():
     parser.add_argument("--samples", type=int, default=24, help="light paths a pixel and group of lamps")
     args = parser.parse_args()
     options = ["--scenario", args.scenario] if args.scenario else []
-    scene = json.loads(subprocess.run([LAB, "scene", *options, *args.parts], check=True, capture_output=True).stdout)
+    scene = json.loads(subprocess.run([LAB, "scene", *options, *args.parts], check=True, stdout=subprocess.PIPE).stdout)
     setting = Setting(scene)
     file = args.out / "truth.json"
     truths = json.loads(file.read_text()) if file.exists() else []
