@@ -20,6 +20,7 @@ import json
 import math
 import pathlib
 import subprocess
+import sys
 
 import mitsuba as mi
 import numpy as np
@@ -77,6 +78,11 @@ def band(lower, upper):
     return lower + upper, [face for i in steps for face in ([i, i + 1, count + i + 1], [i, count + i + 1, count + i])]
 
 
+def require(is_drawn, what):
+    if not is_drawn:
+        sys.exit(f"the scenario has {what}: that is not drawn")
+
+
 class Setting:
     """The scenario without parts: camera, tray and lights, on the platen."""
 
@@ -84,19 +90,22 @@ class Setting:
         self.scene = scene
         tray, geometry = scene["tray"], scene["tray"]["geometry"]
         self.x_m, self.y_m, yaw_rad = scene["feeding_place"]
-        assert yaw_rad == 0.0, "a tray that is turned at the feeding place is not drawn"
+        require(yaw_rad == 0.0, "a tray that is turned at the feeding place")
         self.inner_m, self.outer_m = geometry["inner_radius_m"], geometry["outer_radius_m"]
         self.foot_m = tray["floor_height_m"]
         self.plateau_m = self.foot_m + geometry["rise_m"]
         self.wall_top_m = self.plateau_m + tray["lip_m"]
         self.wall_m = tray["wall_thickness_m"]
-        self.ramp_rad = geometry["ramp_angle_rad"]
-        assert abs(self.ramp_rad - math.pi) < 1e-9, "only a plateau that is half a ring is drawn"
+        ramp_rad = geometry["ramp_angle_rad"]
+        require(abs(ramp_rad - math.pi) < 1e-9, "a plateau that is not half a ring")
         camera = scene["camera"]
         self.width_px, self.height_px = camera["width_px"], camera["height_px"]
         self.eye_m = [camera["pose"][key] for key in ("x_m", "y_m", "height_m")]
-        assert not camera["pose"].get("yaw_rad"), "a camera that is turned is not drawn"
-        self.focal_px = camera.get("focal_length_px") or self.eye_m[2] / camera["platen_m_per_px"]
+        self.focal_px = camera["focal_length_px"]
+        require(camera["pose"]["yaw_rad"] == 0.0, "a camera that is turned")
+        require(not any(camera["distortion"].values()), "a lens that distorts")
+        middle_px = [0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)]
+        require(camera["principal_point_px"] == middle_px, "a principal point beside the picture's middle")
 
     def at(self, radius_m, angle_rad, height_m):
         return [self.x_m + radius_m * math.cos(angle_rad), self.y_m + radius_m * math.sin(angle_rad), height_m]
@@ -110,16 +119,14 @@ class Setting:
         rise_m = self.plateau_m - self.foot_m
 
         def ring(angles, inner, outer, look):
-            """Between a radius and a height for each angle, and another pair."""
-            edges = ([self.at(*edge(angle)[:1], angle, edge(angle)[1]) for angle in angles] for edge in (inner, outer))
+            """Between two edges, each a radius and a height, or a height for each angle."""
+            edges = (
+                [self.at(radius_m, angle, height_m) for angle, height_m in zip(angles, np.broadcast_to(heights_m, len(angles)))]
+                for radius_m, heights_m in (inner, outer)
+            )
             return mesh(*band(*edges), bsdf=look)
 
-        def level(radius_m, height_m):
-            return lambda _angle: (radius_m, height_m)
-
-        def sloping(radius_m):
-            return lambda angle: (radius_m, self.foot_m + rise_m * angle / math.pi)
-
+        ramp_m = self.foot_m + rise_m * half / math.pi
         inner_m, outer_m, top_m = self.inner_m, self.outer_m, self.wall_top_m
         drop_off = band(
             [self.at(radius_m, 0, self.foot_m) for radius_m in (inner_m, outer_m)],
@@ -127,14 +134,14 @@ class Setting:
         )
         return [
             mesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]], bsdf=platen),
-            ring(half, sloping(inner_m), sloping(outer_m), track),
-            ring(math.pi + half, level(inner_m, self.plateau_m), level(outer_m, self.plateau_m), track),
+            ring(half, (inner_m, ramp_m), (outer_m, ramp_m), track),
+            ring(math.pi + half, (inner_m, self.plateau_m), (outer_m, self.plateau_m), track),
             mesh(*drop_off, bsdf=wall),
-            ring(whole, level(outer_m, self.foot_m), level(outer_m, top_m), wall),
-            ring(whole, level(outer_m, top_m), level(outer_m + self.wall_m, top_m), rim),
-            ring(whole, level(outer_m + self.wall_m, 0.0), level(outer_m + self.wall_m, top_m), wall),
-            ring(whole, level(inner_m, self.foot_m), level(inner_m, top_m), wall),
-            ring(whole, level(0.0, top_m), level(inner_m, top_m), rim),
+            ring(whole, (outer_m, self.foot_m), (outer_m, top_m), wall),
+            ring(whole, (outer_m, top_m), (outer_m + self.wall_m, top_m), rim),
+            ring(whole, (outer_m + self.wall_m, 0.0), (outer_m + self.wall_m, top_m), wall),
+            ring(whole, (inner_m, self.foot_m), (inner_m, top_m), wall),
+            ring(whole, (0.0, top_m), (inner_m, top_m), rim),
         ]
 
     def lights(self, name):

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use feeder_model::camera::{CameraModel, MountedTray};
+use feeder_model::geometry::StablePose;
 use feeder_model::part::PartType;
 use feeder_scenario::{PartSource, catalogue_names};
 use feeder_sim::camera::{LightModel, TrayAppearance};
@@ -34,8 +35,9 @@ struct Seen {
 
 #[derive(Debug, Serialize)]
 struct Shape {
-    /// Corners of each triangle, counter-clockwise seen from outside, and the share of light that comes back from it.
+    /// Corners of each triangle as indices of a pose's vertices, counter-clockwise seen from outside.
     triangles: Vec<[u32; 3]>,
+    /// Share of light that comes back from each of them.
     reflectance: Vec<f64>,
     poses: Vec<Pose>,
 }
@@ -76,7 +78,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 }
 
 fn shape(part: &PartType) -> Shape {
-    let pose = |(index, pose): (usize, &feeder_model::geometry::StablePose)| Pose {
+    let pose = |(index, pose): (usize, &StablePose)| Pose {
         name: pose.name.clone(),
         is_wanted: part.wanted_poses.contains(&index),
         poured: part.poured[index],
