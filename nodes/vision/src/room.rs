@@ -156,3 +156,32 @@ pub(super) fn measure_room(detector: &Detector, view: &View, parts: &[Lying]) ->
     }
     Room { part_gaps_m, foreign_gaps_m, own_px, foreign_px }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::recognition::IN_ANY_LIGHT;
+
+    #[test]
+    fn a_part_is_as_dark_and_as_bright_as_its_picture_there_and_the_plateau_beyond_is_bare() {
+        let sought = &IN_ANY_LIGHT.sought[0];
+        let (side, texel_m) = (sought.template.side(), sought.template.texel_m);
+        // Dark two texels to the right of the middle and bright three below it, in pixels of twice a texel about (100, 50).
+        let mut picture = vec![0.0; side * side];
+        let middle = (side / 2) * side + side / 2;
+        (picture[middle + 2], picture[middle + 3 * side]) = (-0.3, 0.2);
+        let pictured = Pictured {
+            picture,
+            middle: Point2::new(100.0, 50.0),
+            part_from_px: Matrix2::from_diagonal_element(2.0 * texel_m),
+        };
+        let range = |at: (usize, usize), beside_px: &[f64]| pictured.range(sought, at, beside_px);
+        assert_eq!(range((101, 50), &[0.0]), (-0.3, 0.0));
+        assert_eq!(range((100, 50), &[0.0]), (0.0, 0.0));
+        assert_eq!(range((99, 50), &[0.0]), (0.0, 0.0));
+        assert_eq!(range((100, 51), &[0.5]), (0.0, 0.0));
+        assert_eq!(range((100, 51), &[0.0, 0.5]), (0.0, 0.2));
+        assert_eq!(range((100, 51), &[-1.0, 0.0, 0.5, 1.0]), (-0.3, 0.2));
+        assert_eq!(range((100 + side, 50), &[0.0]), (0.0, 0.0));
+    }
+}

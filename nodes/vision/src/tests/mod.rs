@@ -16,7 +16,7 @@ mod accuracy;
 mod clicks;
 mod looks;
 mod otherwise;
-mod recognition;
+pub(crate) mod recognition;
 mod scenes;
 
 use scenes::*;

@@ -8,7 +8,7 @@ use crate::candidate::{Judgement, is_recognised, judge, looks_alike};
 use crate::detector::{Detector, Found};
 use crate::modes::{Light, MODES, SCALE, SCALE_SPREAD};
 
-static IN_ANY_LIGHT: LazyLock<Detector> = LazyLock::new(|| detector(Light::Any));
+pub(crate) static IN_ANY_LIGHT: LazyLock<Detector> = LazyLock::new(|| detector(Light::Any));
 static IN_LIGHT_TAUGHT: LazyLock<Detector> = LazyLock::new(|| detector(Light::Taught));
 
 /// Has looked at a bare plateau.
