@@ -7,7 +7,8 @@ floor throw at each other, soft shadows, a lens with an aperture, gloss. Lights:
 parts apart and touching, in all poses, with screws, hairs, chips and blanks of the part's outline). Surfaces: `matt` and `gloss`.
 
     python3 -m venv VENV && VENV/bin/pip install -r tests/path_traced/requirements.txt
-    cargo build --release && VENV/bin/python tests/path_traced/render.py --out FOLDER cap bracket
+    cargo build --release --package feeder_lab
+    VENV/bin/python tests/path_traced/render.py --out FOLDER cap bracket
     target/release/feeder-lab score-pictures FOLDER cap bracket --light rendered --light dome --light ring --verbose
 
 Takes some ten seconds a picture on two cores, and leaves out pictures that FOLDER holds already. What lies where follows from the
