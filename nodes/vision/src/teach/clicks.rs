@@ -4,7 +4,7 @@
 //! anew from the parts found, in turns with the fits; a click that what was learned does not bear out is named.
 
 use image::GrayImage;
-use nalgebra::{Isometry2, Point2, Vector2};
+use nalgebra::{Isometry2, Point2};
 
 use super::super::align::Fit;
 use super::super::detector::{Detector, belief_of_light};
@@ -27,10 +27,6 @@ const MISFIT_RATIO: f32 = 3.0;
 /// of gleaming nuts on edge 0 of 25. Both are set by hand.
 const DRAWN_MISS_MAX: f32 = 1.25;
 const AS_DRAWN_RATIO_MIN: f64 = 0.5;
-
-/// Clicks of a pose that tell where its parts lie, all taken together, and how sure that must be, in standard deviations.
-const CENTRED_MIN: usize = 8;
-const AGREED_SIGMAS: f64 = 3.0;
 
 /// What somebody says of a thing in a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -168,7 +164,6 @@ pub fn fit_clicks(
             fits.push(FittedClick { picture, click, ..fitted });
         }
     }
-    centre_on_clicks(pictures, &mut fits, model, camera, tray);
     doubt_misfits(&mut fits, model.poses.len());
     Ok(fits)
 }
@@ -188,42 +183,6 @@ fn fit(detector: &Detector, view: &View, pose: usize, pixel: Point2<f64>, belief
         miss: cost,
         doubt: better.map(|pose| ClickDoubt::LooksLike { pose }),
         ..none
-    }
-}
-
-/// Moves all parts of a pose as their clicks say, where the clicks agree about that: under a low lamp a part and its shadow
-/// look like one thing, and each fit errs the same way.
-fn centre_on_clicks(
-    pictures: &[ClickedPicture],
-    fits: &mut [FittedClick],
-    model: &PartModel,
-    camera: &CameraModel,
-    tray: &MountedTray,
-) {
-    for (pose, template) in model.poses.iter().enumerate() {
-        let height_m = tray.plateau_height_m() + 0.5 * template.height_m;
-        let aside = |fit: &FittedClick| {
-            let part = fit.part.filter(|part| part.pose == pose && fit.doubt.is_none())?;
-            let picture = &pictures[fit.picture];
-            let clicked = camera.back_project(picture.clicks[fit.click].pixel, height_m)?;
-            Some(clicked - picture.platen_from_tray * part.place)
-        };
-        let asides: Vec<Vector2<f64>> = fits.iter().filter_map(aside).collect();
-        let count = asides.len() as f64;
-        if asides.len() < CENTRED_MIN {
-            continue;
-        }
-        let mean = asides.iter().sum::<Vector2<f64>>() / count;
-        let variance = asides.iter().map(|aside| (aside - mean).norm_squared()).sum::<f64>() / (count - 1.0);
-        if mean.norm_squared() < AGREED_SIGMAS * AGREED_SIGMAS * variance / count {
-            continue;
-        }
-        for fit in fits.iter_mut() {
-            let turn = pictures[fit.picture].platen_from_tray.rotation;
-            if let Some(part) = fit.part.as_mut().filter(|part| part.pose == pose) {
-                part.place += turn.inverse() * mean;
-            }
-        }
     }
 }
 
