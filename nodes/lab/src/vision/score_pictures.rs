@@ -136,15 +136,16 @@ fn score(name: &str, truths: &[Truth], args: &Args) -> anyhow::Result<()> {
     let part = scenario.part_type()?;
     let place = scenario.delivery.feeding_place;
     let platen_from_tray = Isometry2::new(place.xy(), place.z);
-    let mut random = generator(args.seed, &format!("score pictures {}", part.name));
+    let random = |of: &str| generator(args.seed, &format!("score pictures {} {of}", part.name));
     let contrast = scenario.selector.contrast_min_levels;
-    let drawn = lesson::taught(&scenario.scene(&part), &part.poses, &platen_from_tray, contrast, &mut random)?;
+    let drawn =
+        lesson::taught(&scenario.scene(&part), &part.poses, &platen_from_tray, contrast, &mut random(RENDERED))?;
     let rendered = [RENDERED.to_owned()];
     let lights = if args.lights.is_empty() { &rendered[..] } else { &args.lights[..] };
     let trial = Trial { scenario: &scenario, part: &part, platen_from_tray, drawn: &drawn, args };
     let of_part: Vec<&Truth> = truths.iter().filter(|truth| truth.part.as_deref() == Some(name)).collect();
     for light in lights {
-        trial.run(light, &of_part, &mut random).with_context(|| format!("taught under {light}"))?;
+        trial.run(light, &of_part, &mut random(light)).with_context(|| format!("taught under {light}"))?;
     }
     Ok(())
 }

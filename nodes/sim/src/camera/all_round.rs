@@ -43,10 +43,7 @@ impl AllRound {
     ///
     /// As [`Scene::validate`].
     pub fn afar(scene: &Scene, elevation_rad: f64) -> Result<Self, OutOfRange> {
-        let lamp = |index: usize| {
-            let scene = lit_by(scene, azimuth_rad(index), elevation_rad);
-            Renderer::with_parts(&scene, PartPainter::lit_by_the_floor_too)
-        };
+        let lamp = |index: usize| Renderer::new(&lit_by(scene, azimuth_rad(index), elevation_rad));
         Ok(Self { lamps: (0..LAMPS).map(lamp).collect::<Result<_, _>>()? })
     }
 
@@ -54,7 +51,7 @@ impl AllRound {
     fn dome(scene: &Scene) -> Result<Self, OutOfRange> {
         let mut scene = lit_by(scene, 0.0, ROUND_LENS_RAD);
         scene.light.diffuse_ratio = 1.0;
-        Ok(Self { lamps: vec![Renderer::with_parts(&scene, PartPainter::lit_by_the_floor_too)?] })
+        Ok(Self { lamps: vec![Renderer::new(&scene)?] })
     }
 
     /// A ring light round the camera's lens: what lies aside is lit along the line of sight.

@@ -91,11 +91,6 @@ struct Screen {
 
 impl PartPainter {
     pub(crate) fn new(scene: &Scene) -> Self {
-        Self::lit_as_steeply_as(scene, &[scene.light.in_tray(0.0).toward_lamp.norm()], 0.0)
-    }
-
-    /// The same where the floor lights upright faces and slopes, too.
-    pub(crate) fn lit_by_the_floor_too(scene: &Scene) -> Self {
         Self::lit_as_steeply_as(scene, &[scene.light.in_tray(0.0).toward_lamp.norm()], THROWN_BACK_RATIO)
     }
 

@@ -118,18 +118,21 @@ mod tests {
     const HOLE_UP: usize = 0;
     const BOSS_UP: usize = 1;
 
+    fn camera_spec() -> CameraSpec {
+        CameraSpec {
+            width_px: 640,
+            height_px: 480,
+            focal_length_px: None,
+            platen_m_per_px: Some(0.000_3),
+            principal_point_px: None,
+            distortion: Distortion { k1: -0.08, k2: 0.02, ..Distortion::default() },
+            pose: CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 },
+        }
+    }
+
     fn scene(part: &str, noise_sigma_levels: f64) -> Scene {
         Scene {
-            camera: CameraModel::new(CameraSpec {
-                width_px: 640,
-                height_px: 480,
-                focal_length_px: None,
-                platen_m_per_px: Some(0.000_3),
-                principal_point_px: None,
-                distortion: Distortion { k1: -0.08, k2: 0.02, ..Distortion::default() },
-                pose: CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 },
-            })
-            .unwrap(),
+            camera: CameraModel::new(camera_spec()).unwrap(),
             tray: MountedTray::new(TrayGeometry::PAPER),
             tray_appearance: TrayAppearance::default(),
             part: PartSolid::of_catalogue(part),
@@ -282,20 +285,23 @@ mod tests {
 
     #[test]
     fn a_bright_floor_lights_the_sides_of_parts_and_nothing_else() {
-        let mut scene = scene("block", 0.0);
-        scene.light.white_level *= 0.5;
         let view = part(0.05, 4.5, 0);
-        // A block is seen with its sides where it lies aside, and without where it lies below the camera.
-        let brighter = |beside_m: Vector2<f64>| {
-            let shot = TrayShot::still(Isometry2::new(Vector2::new(0.3 - view.x_m, 0.3 - view.y_m) + beside_m, 0.0));
-            let mut lit = GrayImage::default();
-            let mut renderer = Renderer::with_parts(&scene, PartPainter::lit_by_the_floor_too).unwrap();
-            renderer.render(&shot, &[view], &mut Pcg64Mcg::seed_from_u64(1), &mut lit).unwrap();
-            let plain = picture(&scene, &shot, &[view]);
-            lit.iter().zip(plain.iter()).map(|(lit, plain)| i64::from(*lit) - i64::from(*plain)).sum::<i64>()
+        let mut scene = scene("block", 0.0);
+        let pose = CameraPose { height_m: 0.16, ..camera_spec().pose };
+        scene.camera = CameraModel::new(CameraSpec { pose, ..camera_spec() }).unwrap();
+        // 40 mm beside the axis of a lens so near, the side that faces it is seen.
+        let shot = TrayShot::still(Isometry2::new(Vector2::new(0.34 - view.x_m, 0.3 - view.y_m), 0.0));
+        let mut over_floor_of = |surface_reflectance: f64| {
+            scene.tray_appearance.surface_reflectance = surface_reflectance;
+            let image = picture(&scene, &shot, &[view]);
+            let at = |x_m: f64, z_m: f64| {
+                level(&scene, &image, &shot, Point3::new(view.x_m + x_m, view.y_m, view.z_m + z_m))
+            };
+            (at(-0.003, 0.0015), at(0.0, 0.003))
         };
-        let (aside, below) = (brighter(Vector2::new(0.08, 0.0)), brighter(Vector2::zeros()));
-        assert!(aside > 300 && below.abs() < aside / 5, "aside {aside}, below {below}");
+        let ((bright_side, bright_top), (dark_side, dark_top)) = (over_floor_of(0.7), over_floor_of(0.0));
+        assert!((1.2..1.5).contains(&(bright_side / dark_side)), "sides {bright_side} and {dark_side}");
+        assert!((bright_top - dark_top).abs() < 1e-9, "tops {bright_top} and {dark_top}");
     }
 
     #[test]

@@ -27,24 +27,28 @@ fn changed(change: impl Fn(&mut CameraSpec)) -> CameraModel {
 
 /// What `camera` sees of the bare tray at a place.
 fn picture(camera: &CameraModel, platen_from_tray: &Isometry2<f64>) -> GrayImage {
-    picture_of(camera, platen_from_tray, &[], None)
+    pictures_of(camera, platen_from_tray, &[], None).next().unwrap()
 }
 
-/// What `camera` sees of the tray and what lies on it, with so much noise if another than the scenario's.
-fn picture_of(
+/// What `camera` sees of the tray and what lies on it, again and again, with so much noise if another than the scenario's.
+fn pictures_of<'a>(
     camera: &CameraModel,
     platen_from_tray: &Isometry2<f64>,
-    parts: &[PartView],
+    parts: &'a [PartView],
     noise_sigma_levels: Option<f64>,
-) -> GrayImage {
+) -> impl Iterator<Item = GrayImage> + use<'a> {
     let scenario = Scenario::default();
     let mut scene = scenario.scene(&scenario.part_type().unwrap());
     scene.camera = camera.clone();
     scene.sensor.noise_sigma_levels = noise_sigma_levels.unwrap_or(scene.sensor.noise_sigma_levels);
-    let mut image = GrayImage::default();
     let mut noise = Pcg64Mcg::seed_from_u64(5);
-    Renderer::new(&scene).unwrap().render(&TrayShot::still(*platen_from_tray), parts, &mut noise, &mut image).unwrap();
-    image
+    let mut renderer = Renderer::new(&scene).unwrap();
+    let shot = TrayShot::still(*platen_from_tray);
+    std::iter::repeat_with(move || {
+        let mut image = GrayImage::default();
+        renderer.render(&shot, parts, &mut noise, &mut image).unwrap();
+        image
+    })
 }
 
 /// Grommets on half of the plateau, in rows askew to its edge.
@@ -101,13 +105,18 @@ fn a_camera_that_hangs_right_is_not_doubted() {
 }
 
 #[test]
-fn a_crowd_in_a_noisy_picture_turns_no_camera_that_hangs_right_and_hides_no_turn() {
+fn a_crowd_in_noisy_pictures_turns_no_camera_that_hangs_right_and_hides_no_turn() {
     let (camera, tray, place) = stated();
-    for turn_rad in [0.0, 0.02, -0.02] {
+    let crowd = crowd(&tray);
+    for turn_rad in [0.0, 0.01, -0.01, 0.02, -0.02] {
         let truth = changed(|spec| spec.pose.yaw_rad += turn_rad);
-        let crowded = picture_of(&truth, &place, &crowd(&tray), Some(12.0));
-        let found = misalignment(&crowded, &camera, &tray, &place).unwrap().unwrap();
-        assert!((found.turn_rad + turn_rad).abs() < 2e-3, "{turn_rad} rad: {found}");
+        // Up to three of nine such pictures are off by 2 mrad and more, or hide the turn. The watch, too, goes by the middle of nine.
+        let mut errors_rad: Vec<f64> = pictures_of(&truth, &place, &crowd, Some(12.0))
+            .take(9)
+            .map(|crowded| misalignment(&crowded, &camera, &tray, &place).unwrap().unwrap().turn_rad + turn_rad)
+            .collect();
+        errors_rad.sort_by(f64::total_cmp);
+        assert!(errors_rad[4].abs() < 1.5e-3, "{turn_rad} rad: off by {errors_rad:?}");
     }
 }
 
