@@ -159,3 +159,126 @@ fn exit_m(sought: &Sought, along: Vector2<f64>, yaw_rad: f64) -> f64 {
     // The outline is convex: the nearest of its edges' lines that the ray meets is the one it leaves by.
     outline.iter().enumerate().filter_map(crossing).fold(sought.radius_m, f64::min).max(0.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Isometry2;
+
+    use super::*;
+    use crate::tests::recognition::IN_ANY_LIGHT;
+    use feeder_model::camera::{CameraModel, CameraPose, CameraSpec, Distortion, MountedTray};
+    use feeder_model::tray::TrayGeometry;
+
+    /// As every cell.
+    fn alike(middle: f32, scatter: f32) -> Surround {
+        Surround::new(&[middle; DIRECTIONS * DISTANCES], &[scatter; DIRECTIONS * DISTANCES])
+    }
+
+    /// Brightness that parts show in the first cells.
+    fn shown(cells: &[&[f32]]) -> Samples {
+        Samples { cells: cells.iter().map(|levels| levels.to_vec()).collect() }
+    }
+
+    #[test]
+    fn what_enough_parts_show_is_shared_and_elsewhere_what_was_known_holds() {
+        let shared = shown(&[&[0.5, -0.1, 0.1, 0.0], &[0.1, 0.2, 0.3]]).shared(&alike(-0.2, 0.05), 4);
+        let (middles, scatters) = shared.planes();
+        // The middle one above the middle, and the usual deviation from it: the one that is far off counts for no more.
+        assert_eq!((middles[0], scatters[0]), (0.1, 0.2));
+        assert_eq!((middles[1], scatters[1]), (-0.2, 0.05));
+        assert_eq!((middles.len(), middles[DIRECTIONS * DISTANCES - 1]), (DIRECTIONS * DISTANCES, -0.2));
+        // Nothing was known.
+        assert_eq!(shown(&[]).shared(&Surround::new(&[], &[]), 1), alike(0.0, 0.0));
+    }
+
+    #[test]
+    fn in_the_light_taught_parts_of_a_frame_differ_by_what_they_did_in_the_lesson_at_least() {
+        let samples = || shown(&[&[0.125; 4], &[-0.375, -0.125, 0.125, 0.375], &[0.125; 3]]);
+        let known = alike(-0.25, 0.031_25);
+        let scatters = |light_as_taught: bool| samples().of_frame(&known, light_as_taught).planes().1;
+        assert_eq!(scatters(true)[..3], [0.078_125, 0.25, 0.031_25]);
+        assert_eq!(scatters(false)[..3], [0.0, 0.25, 0.031_25]);
+        // Four parts tell, three do not.
+        assert_eq!(samples().of_frame(&known, true).planes().0[..3], [0.125, 0.125, -0.25]);
+    }
+
+    #[test]
+    fn a_part_may_shade_what_is_beyond_its_blurred_edge_and_within_reach_in_that_direction_of_the_platen() {
+        let camera = CameraModel::new(CameraSpec {
+            width_px: 640,
+            height_px: 480,
+            focal_length_px: None,
+            platen_m_per_px: Some(0.000_4),
+            principal_point_px: None,
+            distortion: Distortion::default(),
+            pose: CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 },
+        })
+        .unwrap();
+        let tray = MountedTray::new(TrayGeometry::PAPER);
+        let sought = &IN_ANY_LIGHT.sought[0];
+        // Dark towards the platen's x from the third pixel on, bright towards its y.
+        let (mut levels, mut scatters) = (vec![0.0; DIRECTIONS * DISTANCES], vec![0.0; DIRECTIONS * DISTANCES]);
+        (levels[3 * DIRECTIONS], scatters[3 * DIRECTIONS]) = (-0.3, 0.05);
+        (levels[8 * DIRECTIONS + DIRECTIONS / 4], scatters[8 * DIRECTIONS + DIRECTIONS / 4]) = (0.25, 0.125);
+        let surround = Surround::new(&levels, &scatters);
+        let centre = Point2::new(0.01, -0.06);
+        let range = |turn_rad: f64, direction_rad: f64, beyond_px: f64| {
+            let platen_from_tray = Isometry2::new(Vector2::new(0.3, 0.3), turn_rad);
+            let view = View { camera: &camera, tray: &tray, platen_from_tray };
+            let along = Rotation2::new(direction_rad) * Vector2::x();
+            let place = centre + along * (exit_m(sought, along, 0.0) + beyond_px * sought.m_per_px);
+            surround.range(&view, sought, (centre, 0.0), place, 2.0)
+        };
+        let anything = (f32::NEG_INFINITY, f32::INFINITY);
+        let dark = (-0.4, 0.0);
+        assert_eq!([range(0.0, 0.0, -1.0), range(0.0, 0.0, 1.4)], [anything; 2]);
+        // A cell and those that touch it.
+        assert_eq!(
+            [1.6, 2.5, 3.5, 4.9, 5.1].map(|beyond_px| range(0.0, 0.0, beyond_px)),
+            [(0.0, 0.0), dark, dark, dark, (0.0, 0.0)]
+        );
+        let step_rad = std::f64::consts::TAU / DIRECTIONS as f64;
+        assert_eq!(
+            [-2.0, -1.0, 1.0, 2.0].map(|steps| range(0.0, steps * step_rad, 3.5)),
+            [(0.0, 0.0), dark, dark, (0.0, 0.0)]
+        );
+        let quarter_rad = std::f64::consts::FRAC_PI_2;
+        assert_eq!(range(0.0, quarter_rad, 8.5), (0.0, 0.5));
+        // The lamps stand still while the tray turns.
+        assert_eq!(range(quarter_rad, -quarter_rad, 3.5), dark);
+        assert_eq!(range(quarter_rad, 0.0, 8.5), (0.0, 0.5));
+        // The last cells reach to the end.
+        let far = alike(-0.1, 0.0);
+        let at = |beyond_px: f64| {
+            let view = View { camera: &camera, tray: &tray, platen_from_tray: Isometry2::translation(0.3, 0.3) };
+            let place = centre + Vector2::x() * (exit_m(sought, Vector2::x(), 0.0) + beyond_px * sought.m_per_px);
+            far.range(&view, sought, (centre, 0.0), place, 2.0)
+        };
+        assert_eq!([at(DISTANCES as f64 - 0.1), at(DISTANCES as f64 + 0.1)], [(-0.1, 0.0), (0.0, 0.0)]);
+    }
+
+    #[test]
+    fn a_ray_leaves_a_part_by_its_edge() {
+        // A rectangle of 4 x 2 mm.
+        let corners = [(0.002, -0.001), (0.002, 0.001), (-0.002, 0.001), (-0.002, -0.001)];
+        let mut sought = IN_ANY_LIGHT.sought[0].clone();
+        sought.outline_m = corners.iter().map(|(x, y)| Point2::new(*x, *y)).collect();
+        sought.radius_m = 0.003;
+        let exit_mm = |direction_rad: f64, yaw_rad: f64| {
+            1e3 * exit_m(&sought, Rotation2::new(direction_rad) * Vector2::x(), yaw_rad)
+        };
+        let quarter_rad = std::f64::consts::FRAC_PI_2;
+        for (direction_rad, yaw_rad, expected_mm) in [
+            (0.0, 0.0, 2.0),
+            (quarter_rad, 0.0, 1.0),
+            (2.0 * quarter_rad, 0.0, 2.0),
+            (0.25_f64, 0.0, 2.0 / 0.25_f64.cos()),
+            (-0.25, 0.25, 2.0 / 0.5_f64.cos().max(2.0 * 0.5_f64.sin())),
+            (quarter_rad, quarter_rad, 2.0),
+            (0.0, -quarter_rad, 1.0),
+        ] {
+            let found_mm = exit_mm(direction_rad, yaw_rad);
+            assert!((found_mm - expected_mm).abs() < 1e-9, "{direction_rad}, {yaw_rad}: {found_mm}, not {expected_mm}");
+        }
+    }
+}

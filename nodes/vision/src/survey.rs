@@ -126,3 +126,127 @@ fn median(mut values: Vec<f32>) -> f32 {
     let middle = values.len() / 2;
     if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f32::total_cmp).1 }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use feeder_model::camera::{CameraPose, CameraSpec, Distortion};
+    use feeder_model::tray::TrayGeometry;
+
+    /// A camera 0.6 m over a tray that it sees whole, and the place of the plateau's middle in its picture.
+    fn scene() -> (CameraModel, MountedTray, Isometry2<f64>, (u32, u32)) {
+        let pose = CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 };
+        let camera = CameraModel::new(CameraSpec {
+            width_px: 640,
+            height_px: 480,
+            focal_length_px: None,
+            platen_m_per_px: Some(0.000_5),
+            principal_point_px: None,
+            distortion: Distortion::default(),
+            pose,
+        })
+        .unwrap();
+        // The least rectangle about a third of a ring holds more than that.
+        let geometry = TrayGeometry { ramp_angle_rad: std::f64::consts::TAU * 2.0 / 3.0, ..TrayGeometry::PAPER };
+        let tray = MountedTray::new(geometry);
+        let place = Isometry2::translation(0.3, 0.3);
+        let view = View { camera: &camera, tray: &tray, platen_from_tray: place };
+        let middle = view.pixel(Point2::new(0.0, -0.06), tray.plateau_height_m()).unwrap();
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the picture")]
+        let middle = (middle.x as u32, middle.y as u32);
+        (camera, tray, place, middle)
+    }
+
+    /// Makes a rectangle of a picture brighter by so many levels.
+    fn brighten(image: &mut GrayImage, (left, top): (u32, u32), (width, height): (u32, u32), levels: i16) {
+        for (x, y) in (left..left + width).flat_map(|x| (top..top + height).map(move |y| (x, y))) {
+            let level = &mut image.get_pixel_mut(x, y).0[0];
+            *level = u8::try_from(i16::from(*level) + levels).unwrap();
+        }
+    }
+
+    fn seen(image: &GrayImage, bare: &GrayImage) -> Vec<Thing> {
+        let (camera, tray, place, _) = scene();
+        things(image, bare, &camera, &tray, &place).unwrap()
+    }
+
+    #[test]
+    fn the_bare_plateau_is_the_median_of_pictures_of_one_size() {
+        let picture = |levels: [u8; 2]| GrayImage::from_raw(2, 1, levels.to_vec()).unwrap();
+        let pictures = [[9, 200], [100, 10], [101, 12], [250, 13]].map(picture);
+        let bare = |of: &[usize]| bare_plateau(&of.iter().map(|index| &pictures[*index]).collect::<Vec<_>>());
+        assert_eq!(bare(&[0, 1, 2]).unwrap().into_raw(), [100, 12]);
+        // Of an even number, half way between the two in the middle.
+        assert_eq!(bare(&[0, 1, 2, 3]).unwrap().into_raw(), [101, 13]);
+        assert_eq!(bare(&[0, 1]), None);
+        assert_eq!(bare(&[]), None);
+        assert_eq!(bare_plateau(&[&pictures[0], &pictures[1], &GrayImage::new(1, 2)]), None);
+    }
+
+    #[test]
+    fn things_are_told_with_place_size_and_brightness_from_left_to_right() {
+        let (camera, tray, place, (x, y)) = scene();
+        let bare = GrayImage::from_pixel(640, 480, Luma([100]));
+        // Elsewhere the light has changed a little, too.
+        let mut image = GrayImage::from_pixel(640, 480, Luma([104]));
+        brighten(&mut image, (x + 20, y - 9), (5, 3), 30);
+        brighten(&mut image, (x - 20, y), (3, 7), -40);
+        // Two that touch at a corner are one.
+        brighten(&mut image, (x, y), (3, 3), 20);
+        brighten(&mut image, (x + 3, y + 3), (3, 3), 60);
+        let things = seen(&image, &bare);
+        let told = |thing: &Thing| (thing.pixel.x, thing.pixel.y, thing.area_px, thing.contrast_levels);
+        let (x, y) = (f64::from(x), f64::from(y));
+        let expected = [(x - 19.0, y + 3.0, 21, -40.0), (x + 2.5, y + 2.5, 18, 40.0), (x + 22.0, y - 8.0, 15, 30.0)];
+        assert_eq!(things.iter().map(told).collect::<Vec<_>>(), expected);
+        let view = View { camera: &camera, tray: &tray, platen_from_tray: place };
+        for thing in things {
+            let back = view.pixel(thing.place, tray.plateau_height_m()).unwrap();
+            assert!((back - thing.pixel).norm() < 1e-6, "{thing:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_small_or_faint_or_beside_the_plateau_is_no_thing() {
+        let (camera, tray, place, (x, y)) = scene();
+        let bare = GrayImage::from_pixel(640, 480, Luma([100]));
+        let alone = |width: u32, levels: i16| {
+            let mut image = bare.clone();
+            brighten(&mut image, (x, y), (width, 1), levels);
+            seen(&image, &bare).len()
+        };
+        assert_eq!((alone(12, 11), alone(12, -11), alone(11, 11), alone(12, 10)), (1, 1, 0, 0));
+        // Where the picture is noisy, what noise does is no thing: two of three pixels are four levels off, so five sigmas are 29.7.
+        let mut noisy = bare.clone();
+        noisy.enumerate_pixels_mut().for_each(|(x, y, level)| level.0[0] = [96, 100, 104][((x + y) % 3) as usize]);
+        let in_noise = |levels: i16| {
+            let mut image = noisy.clone();
+            brighten(&mut image, (x, y), (6, 6), levels);
+            seen(&image, &bare).len()
+        };
+        assert_eq!((in_noise(25), in_noise(34)), (0, 1));
+        // On the ramp, on the hub, and beyond the rim.
+        let view = View { camera: &camera, tray: &tray, platen_from_tray: place };
+        for beside in [Point2::new(-0.04, -0.02), Point2::new(0.0, -0.02), Point2::new(0.07, -0.07)] {
+            let pixel = view.pixel(beside, tray.plateau_height_m()).unwrap();
+            let mut image = bare.clone();
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the picture")]
+            brighten(&mut image, (pixel.x as u32 - 2, pixel.y as u32 - 2), (5, 5), 50);
+            assert_eq!(seen(&image, &bare), [], "{beside}");
+        }
+        assert_eq!(seen(&bare, &bare), []);
+    }
+
+    #[test]
+    fn pictures_of_another_size_or_of_no_plateau_are_refused() {
+        let (camera, tray, place, _) = scene();
+        let (bare, small) = (GrayImage::new(640, 480), GrayImage::new(480, 640));
+        let expected = (640, 480);
+        for (image, bare) in [(&small, &bare), (&bare, &small)] {
+            let told = things(image, bare, &camera, &tray, &place);
+            assert_eq!(told, Err(ImageFault::WrongSize { found: (480, 640), expected }));
+        }
+        let away = Isometry2::translation(2.0, 0.3);
+        assert_eq!(things(&bare, &bare, &camera, &tray, &away), Err(ImageFault::PlateauOutOfView));
+    }
+}
