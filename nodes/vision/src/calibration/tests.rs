@@ -220,6 +220,20 @@ fn a_warning_is_of_many_frames_and_a_refusal_of_one() {
 }
 
 #[test]
+fn a_frame_that_seems_right_is_refused_until_most_of_the_latest_do() {
+    let (camera, tray, place) = stated();
+    let mut watch = CalibrationWatch::new(CalibrationLimits::default(), camera.clone(), tray);
+    let good = picture(&camera, &place);
+    let off = Isometry2::new(Vector2::new(place.translation.x + 0.0015, place.translation.y), 0.0);
+    let told = [off, off, off, off, off, place, place, place, place, place]
+        .map(|platen_from_tray| watch.look(&good, &platen_from_tray).map_err(|fault| fault.to_string()));
+    for fault in &told[..9] {
+        assert!(fault.as_ref().is_err_and(|fault| fault.contains("places are up to 1.5")), "{told:?}");
+    }
+    assert_eq!(told[9], Ok(()));
+}
+
+#[test]
 fn pictures_that_show_little_of_the_rim_warn_of_nothing_as_long_as_others_show_more() {
     // A camera a little off, as all are.
     let truth = changed(|spec| {

@@ -8,7 +8,8 @@ use nalgebra::Isometry2;
 use super::{CalibrationLimits, Misalignment, RimNotSeen, misalignment};
 use feeder_model::camera::{CameraModel, MountedTray};
 
-/// Frames whose median decides whether a warning is given: one that is blurred or half hidden does not.
+/// Frames whose median decides whether a warning is given: one that is blurred or half hidden does not. It decides, too, that
+/// nothing is selected in a frame that seems right among others that are too far off.
 const FRAMES: usize = 9;
 /// Share of the rim that a frame must show to count for a warning: with less, small errors of the lens look like a camera that
 /// has moved. Where a camera never sees so much, nearly as much as it saw at best.
@@ -72,7 +73,7 @@ impl CalibrationWatch {
     ///
     /// # Errors
     ///
-    /// [`CalibrationFault`] if this frame is too far off.
+    /// [`CalibrationFault`] if this frame is too far off, or the latest ones are.
     pub fn look(&mut self, image: &GrayImage, platen_from_tray: &Isometry2<f64>) -> Result<(), CalibrationFault> {
         let Some(found) = misalignment(image, &self.camera, &self.tray, platen_from_tray)? else { return Ok(()) };
         self.rim_ratio_max = self.rim_ratio_max.max(found.rim_ratio);
@@ -82,7 +83,9 @@ impl CalibrationWatch {
             }
             self.recent.push_back(found);
         }
-        self.limits.require(&found)
+        self.limits.require(&found)?;
+        // Where a crowd hides the drop-off, a frame alone does not tell a turn that others show.
+        self.usual().map_or(Ok(()), |usual| self.limits.require(&usual))
     }
 
     /// How far off the latest frames are: of them, the one in the middle.
