@@ -165,8 +165,9 @@ mod tests {
     use nalgebra::Isometry2;
 
     use super::*;
+    use crate::tests::camera;
     use crate::tests::recognition::IN_ANY_LIGHT;
-    use feeder_model::camera::{CameraModel, CameraPose, CameraSpec, Distortion, MountedTray};
+    use feeder_model::camera::MountedTray;
     use feeder_model::tray::TrayGeometry;
 
     /// As every cell.
@@ -204,17 +205,7 @@ mod tests {
 
     #[test]
     fn a_part_may_shade_what_is_beyond_its_blurred_edge_and_within_reach_in_that_direction_of_the_platen() {
-        let camera = CameraModel::new(CameraSpec {
-            width_px: 640,
-            height_px: 480,
-            focal_length_px: None,
-            platen_m_per_px: Some(0.000_4),
-            principal_point_px: None,
-            distortion: Distortion::default(),
-            pose: CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 },
-        })
-        .unwrap();
-        let tray = MountedTray::new(TrayGeometry::PAPER);
+        let (camera, tray) = (camera(), MountedTray::new(TrayGeometry::PAPER));
         let sought = &IN_ANY_LIGHT.sought[0];
         // Dark towards the platen's x from the third pixel on, bright towards its y.
         let (mut levels, mut scatters) = (vec![0.0; DIRECTIONS * DISTANCES], vec![0.0; DIRECTIONS * DISTANCES]);
@@ -222,13 +213,15 @@ mod tests {
         (levels[8 * DIRECTIONS + DIRECTIONS / 4], scatters[8 * DIRECTIONS + DIRECTIONS / 4]) = (0.25, 0.125);
         let surround = Surround::new(&levels, &scatters);
         let centre = Point2::new(0.01, -0.06);
-        let range = |turn_rad: f64, direction_rad: f64, beyond_px: f64| {
+        let range_of = |surround: &Surround, turn_rad: f64, direction_rad: f64, beyond_px: f64| {
             let platen_from_tray = Isometry2::new(Vector2::new(0.3, 0.3), turn_rad);
             let view = View { camera: &camera, tray: &tray, platen_from_tray };
             let along = Rotation2::new(direction_rad) * Vector2::x();
             let place = centre + along * (exit_m(sought, along, 0.0) + beyond_px * sought.m_per_px);
             surround.range(&view, sought, (centre, 0.0), place, 2.0)
         };
+        let range =
+            |turn_rad: f64, direction_rad: f64, beyond_px: f64| range_of(&surround, turn_rad, direction_rad, beyond_px);
         let anything = (f32::NEG_INFINITY, f32::INFINITY);
         let dark = (-0.4, 0.0);
         assert_eq!([range(0.0, 0.0, -1.0), range(0.0, 0.0, 1.4)], [anything; 2]);
@@ -249,11 +242,7 @@ mod tests {
         assert_eq!(range(quarter_rad, 0.0, 8.5), (0.0, 0.5));
         // The last cells reach to the end.
         let far = alike(-0.1, 0.0);
-        let at = |beyond_px: f64| {
-            let view = View { camera: &camera, tray: &tray, platen_from_tray: Isometry2::translation(0.3, 0.3) };
-            let place = centre + Vector2::x() * (exit_m(sought, Vector2::x(), 0.0) + beyond_px * sought.m_per_px);
-            far.range(&view, sought, (centre, 0.0), place, 2.0)
-        };
+        let at = |beyond_px: f64| range_of(&far, 0.0, 0.0, beyond_px);
         assert_eq!([at(DISTANCES as f64 - 0.1), at(DISTANCES as f64 + 0.1)], [(-0.1, 0.0), (0.0, 0.0)]);
     }
 

@@ -130,26 +130,15 @@ fn median(mut values: Vec<f32>) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use feeder_model::camera::{CameraPose, CameraSpec, Distortion};
+    use crate::tests::{camera, over_camera};
     use feeder_model::tray::TrayGeometry;
 
-    /// A camera 0.6 m over a tray that it sees whole, and the place of the plateau's middle in its picture.
+    /// A camera over a tray whose plateau it sees whole, and the place of the plateau's middle in its picture.
     fn scene() -> (CameraModel, MountedTray, Isometry2<f64>, (u32, u32)) {
-        let pose = CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 };
-        let camera = CameraModel::new(CameraSpec {
-            width_px: 640,
-            height_px: 480,
-            focal_length_px: None,
-            platen_m_per_px: Some(0.000_5),
-            principal_point_px: None,
-            distortion: Distortion::default(),
-            pose,
-        })
-        .unwrap();
+        let (camera, place) = (camera(), over_camera());
         // The least rectangle about a third of a ring holds more than that.
         let geometry = TrayGeometry { ramp_angle_rad: std::f64::consts::TAU * 2.0 / 3.0, ..TrayGeometry::PAPER };
         let tray = MountedTray::new(geometry);
-        let place = Isometry2::translation(0.3, 0.3);
         let view = View { camera: &camera, tray: &tray, platen_from_tray: place };
         let middle = view.pixel(Point2::new(0.0, -0.06), tray.plateau_height_m()).unwrap();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the picture")]

@@ -248,24 +248,12 @@ fn smooth(image: &GrayImage, window: Window, smooth: &mut [i16]) {
 
 #[cfg(test)]
 mod tests {
-    use feeder_model::camera::{CameraModel, CameraPose, CameraSpec, Distortion, MountedTray};
+    use feeder_model::camera::MountedTray;
     use feeder_model::tray::TrayGeometry;
     use nalgebra::Vector2;
 
     use super::*;
-
-    fn camera() -> CameraModel {
-        CameraModel::new(CameraSpec {
-            width_px: 640,
-            height_px: 480,
-            focal_length_px: None,
-            platen_m_per_px: Some(0.000_4),
-            principal_point_px: None,
-            distortion: Distortion::default(),
-            pose: CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 },
-        })
-        .unwrap()
-    }
+    use crate::tests::camera;
 
     /// A part's shade is compared with what is seen: it must not be told of one pixel what is seen at another.
     #[test]

@@ -17,18 +17,22 @@ pub(super) fn catalogue(name: &str) -> PartType {
     PartSource::Name(name.to_owned()).part_type().unwrap()
 }
 
+pub(crate) fn camera() -> CameraModel {
+    CameraModel::new(CameraSpec {
+        width_px: 640,
+        height_px: 480,
+        focal_length_px: Some((0.6 - 0.07) / 0.000_4),
+        platen_m_per_px: None,
+        principal_point_px: None,
+        distortion: Distortion { k1: -0.05, p1: 0.000_5, ..Distortion::default() },
+        pose: CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 },
+    })
+    .unwrap()
+}
+
 pub(super) fn scene(part: &PartType, noise_sigma_levels: f64) -> Scene {
     Scene {
-        camera: CameraModel::new(CameraSpec {
-            width_px: 640,
-            height_px: 480,
-            focal_length_px: Some((0.6 - 0.07) / 0.000_4),
-            platen_m_per_px: None,
-            principal_point_px: None,
-            distortion: Distortion { k1: -0.05, p1: 0.000_5, ..Distortion::default() },
-            pose: CameraPose { x_m: 0.3, y_m: 0.3, height_m: 0.6, yaw_rad: 0.0 },
-        })
-        .unwrap(),
+        camera: camera(),
         tray: MountedTray::new(TrayGeometry::PAPER),
         tray_appearance: TrayAppearance::default(),
         part: PartSolid::new(part.mesh.clone(), &part.poses),
@@ -41,7 +45,7 @@ pub(super) fn at(radius_m: f64, psi_rad: f64, pose: usize) -> LaidPart {
     LaidPart { pose, place: Point2::new(radius_m * psi_rad.cos(), radius_m * psi_rad.sin()), yaw_rad: 0.0 }
 }
 
-pub(super) fn over_camera() -> Isometry2<f64> {
+pub(crate) fn over_camera() -> Isometry2<f64> {
     Isometry2::new(Vector2::new(0.3, 0.34), 0.0)
 }
 
