@@ -85,6 +85,15 @@ impl Bench {
         self.call(&simulation::STEP_SIMULATION, &StepSimulationRequest { steps }).result
     }
 
+    /// Stops time and steps it until the planner is in a phase: it still is when this returns, however busy the machine.
+    fn step_until(&self, phase: u8) -> DeliveryState {
+        assert_eq!(self.set_state(SimulationState::STATE_PAUSED), Answer::RESULT_OK);
+        wait_for(&format!("phase {phase}"), || {
+            assert_eq!(self.step(10).result, Answer::RESULT_OK);
+            self.deliveries.try_iter().last().filter(|state| state.phase == phase)
+        })
+    }
+
     fn names(&self, filter: &str) -> Vec<String> {
         let filters = EntityFilters { filter: filter.to_owned(), ..EntityFilters::default() };
         let found = self.call(&services::GET_ENTITIES, &GetEntitiesRequest { filters });
@@ -201,8 +210,9 @@ fn steps_by_the_action_are_told_of_and_can_be_cancelled() {
 #[test]
 fn a_run_is_not_reset_while_a_part_is_on_its_way_but_can_be_stopped() {
     let bench = Bench::new("--composed --speed 1");
-    let is_moving = |state: &DeliveryState| state.phase == DeliveryState::MOVING;
-    wait_for("a delivery", || bench.deliveries.try_iter().find(is_moving));
+    bench.step_until(DeliveryState::MOVING);
+    // Who refuses hears of it later than this test.
+    bench.step(20);
     let refused = bench.call(&simulation::RESET_SIMULATION, &ResetSimulationRequest::default()).result;
     assert_eq!(refused.result, Answer::RESULT_INCORRECT_STATE);
     assert!(refused.error_message.contains("feeder brings a part"), "{}", refused.error_message);
@@ -291,10 +301,7 @@ fn what_a_hand_turns_under_the_gripper_is_counted() {
     scenario.stations[0].gripper.opening_m = Some(0.012);
     scenario.stations[0].manipulator.z.speed_max = 0.004;
     let bench = Bench::of(Up::new("--composed --duration 86400 --speed 1").scenario(&scenario));
-    let is_presented = |state: &DeliveryState| state.phase == DeliveryState::PRESENTED;
-    let presented = wait_for("a part under the gripper", || bench.deliveries.try_iter().find(is_presented));
-    bench.set_state(SimulationState::STATE_PAUSED);
-    bench.step(1);
+    let presented = bench.step_until(DeliveryState::PRESENTED);
     let states = bench.call(&services::GET_ENTITIES_STATES, &GetEntitiesStatesRequest::default());
     let station = (scenario.stations[0].x_m, scenario.stations[0].y_m);
     let offset_m = |state: &EntityState| (state.pose.position.x - station.0).hypot(state.pose.position.y - station.1);
