@@ -85,7 +85,7 @@ impl Bench {
         self.call(&simulation::STEP_SIMULATION, &StepSimulationRequest { steps }).result
     }
 
-    /// Stops time and steps it until the planner is in a phase: it still is when this returns, however busy the machine.
+    /// Stops time and steps it until the planner is heard to be in a phase: time stands still then, however busy the machine.
     fn step_until(&self, phase: u8) -> DeliveryState {
         assert_eq!(self.set_state(SimulationState::STATE_PAUSED), Answer::RESULT_OK);
         wait_for(&format!("phase {phase}"), || {
