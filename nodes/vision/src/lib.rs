@@ -88,8 +88,8 @@ pub enum ImageFault {
     /// The plateau is white.
     #[error("the plateau is white: the image is over-exposed")]
     OverExposed,
-    /// Nothing looks like an evenly lit plateau.
-    #[error("no evenly lit plateau is to be seen")]
+    /// Nothing looks like an evenly lit plateau, or too little of it is bare.
+    #[error("no evenly lit plateau is to be seen: it is covered, or the light falls on it in spots")]
     NoBackground,
 }
 

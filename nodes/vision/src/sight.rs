@@ -51,8 +51,12 @@ impl Sight {
         if taught.health.is_as_taught() {
             return Ok((taught.candidates, taught.health));
         }
-        let any = look(&mut self.any)?;
-        Ok(self.together(taught, any, config))
+        match look(&mut self.any) {
+            Ok(any) => Ok(self.together(taught, any, config)),
+            // A crowd that leaves nothing of the plateau bare tells of no light.
+            Err(ImageFault::NoBackground) if holds(&taught) => Ok((taught.candidates, taught.health)),
+            Err(fault) => Err(fault),
+        }
     }
 
     /// What both looks come to together: the one that explains more counts, and the other supports or contradicts it.
@@ -62,10 +66,7 @@ impl Sight {
         mut any: Judgement,
         config: &SelectorConfig,
     ) -> (Vec<Candidate>, FrameHealth) {
-        let taught_ratio = taught.health.explained_ratio;
-        let looks_so = taught.miss_ratio.is_some_and(|miss_ratio| taught.health.looks_as_taught(miss_ratio));
-        let holds = taught_ratio >= EXPLAINED_BETTER_MIN || looks_so;
-        if !holds || taught_ratio <= any.health.explained_ratio {
+        if !holds(&taught) || taught.health.explained_ratio <= any.health.explained_ratio {
             if any.health.light_is_as_taught() {
                 self.lend_room(&taught, &mut any, config);
             }
@@ -127,4 +128,10 @@ impl Sight {
         let differs = other.pose != candidate.pose || !self.is_same(candidate, other, config);
         other.pose.is_some() && is_near && differs
     }
+}
+
+/// Whether what the look as taught explains may count, whatever another light would explain.
+fn holds(taught: &Judgement) -> bool {
+    let looks_so = taught.miss_ratio.is_some_and(|miss_ratio| taught.health.looks_as_taught(miss_ratio));
+    taught.health.explained_ratio >= EXPLAINED_BETTER_MIN || looks_so
 }

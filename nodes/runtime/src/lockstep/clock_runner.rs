@@ -352,12 +352,15 @@ impl ClockRunner {
     }
 }
 
-/// Says now and then whom a busy machine keeps the run waiting for.
+/// Says now and then whom the run waits for: a busy machine, or a long piece of work, keeps it.
 fn warn_of_delay(warned_at: &mut Option<Instant>, delay: Option<(Duration, String)>) {
     let Some((waited, whom)) = delay else { return };
     if warned_at.is_none_or(|warned_at| warned_at.elapsed() >= WARN_PERIOD) {
         *warned_at = Some(Instant::now());
-        tracing::warn!("the machine is busy: no progress for {:.1} s, still waiting: {whom}", waited.as_secs_f64());
+        let waited_s = waited.as_secs_f64();
+        tracing::warn!(
+            "no progress for {waited_s:.1} s, still waiting: {whom}; it has much to do, or the machine is busy"
+        );
     }
 }
 

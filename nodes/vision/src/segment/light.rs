@@ -19,6 +19,9 @@ const BACKGROUND_RATIO_MIN: f64 = 0.15;
 const CLIPPED_RATIO_MAX: f64 = 0.5;
 /// Share of the plateau that must look as expected of the taught light; otherwise the light is found from the frame alone.
 const EXPECTED_RATIO_MIN: f64 = 0.5;
+/// What the hub tells of the plateau's brightness is right within this factor: lights that differ much differ by 1.1. What is alike
+/// in many places and further from that is the shade of a crowd.
+const BESIDE_HUB_FACTOR: f32 = 1.4;
 /// Inertia of the fit, in shares of the plateau: where little of the plateau is free, and that in the shade of parts, the
 /// taught light counts.
 const FIT_INERTIA: f32 = 0.5;
@@ -95,8 +98,13 @@ impl Segmentation {
         }
         if follows && expected.is_some() && share(inliers) < EXPECTED_RATIO_MIN {
             let alone = self.fit_light(across, None, follows);
-            if alone.is_ok() {
+            let expected = expected.map_or(0.0, |light| light[0]);
+            let as_hub_tells = |level: f32| level.max(expected) <= BESIDE_HUB_FACTOR * level.min(expected);
+            if alone.as_ref().is_ok_and(|(light, ..)| self.hub_level.is_none() || as_hub_tells(light[0])) {
                 return alone;
+            }
+            if share(inliers) < BACKGROUND_RATIO_MIN {
+                return Err(ImageFault::NoBackground);
             }
         }
         if expected.is_none() && share(inliers) < BACKGROUND_RATIO_MIN {

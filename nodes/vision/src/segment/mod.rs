@@ -280,6 +280,39 @@ mod tests {
         }
     }
 
+    /// A tray seen in the light it was taught in, but for nine tenths of the plateau at one level and a sixteenth at another.
+    fn crowded(hub: u8, most: u8, bare: u8) -> Result<[f32; 6], ImageFault> {
+        let camera = camera();
+        let (tray, rays) = (MountedTray::new(TrayGeometry::PAPER), RayTable::new(&camera));
+        let view = View { camera: &camera, tray: &tray, platen_from_tray: Isometry2::new(Vector2::new(0.3, 0.3), 0.0) };
+        let image = GrayImage::from_fn(640, 480, |x, y| {
+            let place = view.tray_point(Point2::new(f64::from(x), f64::from(y)), tray.wall_top_m());
+            let on_hub = place.is_some_and(|place| place.coords.norm() < tray.geometry.inner_radius_m);
+            let is_bare = x / 8 % 4 == 0 && y / 8 % 4 == 0;
+            image::Luma([if on_hub {
+                hub
+            } else if is_bare {
+                bare
+            } else {
+                most
+            }])
+        });
+        let taught = TaughtLight { light: [160.0, 0.0, 0.0, 0.0, 0.0, 0.0], hub_level: 180.0, at_m: Vector2::zeros() };
+        let plateau = Plateau { taught: Some(taught), ..Plateau::unknown() };
+        let mut frame = Segmentation::default();
+        frame.look(&view, &rays, &image, &plateau, Light::Any, 10.0, 9)?;
+        Ok(frame.light)
+    }
+
+    #[test]
+    fn the_shade_of_a_crowd_is_not_taken_for_the_plateau_which_is_about_as_bright_as_the_hub_tells() {
+        assert_eq!(crowded(180, 80, 160), Err(ImageFault::NoBackground));
+        for (hub, most, bare) in [(180, 135, 160), (180, 200, 160), (90, 80, 160)] {
+            let light = crowded(hub, most, bare).unwrap();
+            assert!((light[0] - f32::from(most)).abs() < 3.0, "{hub} {most} {bare}: {light:?}");
+        }
+    }
+
     #[test]
     fn the_plateau_is_mapped_anew_for_another_place_and_for_other_walls() {
         let camera = camera();

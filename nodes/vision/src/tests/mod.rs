@@ -212,6 +212,29 @@ fn light_that_falls_otherwise_is_told_and_looked_at_twice() {
     assert!(selector.health().causes().contains(&HealthCause::LightDiffers), "{:?}", selector.health());
 }
 
+/// As where a crowd lies on it, of which no light is known; what the light taught explains as it did counts all the same.
+#[test]
+fn a_covered_plateau_tells_of_no_light() {
+    let parts: Vec<LaidPart> = (0..4_u32).map(|i| at(0.06, 3.8 + 0.6 * f64::from(i), (i % 2) as usize)).collect();
+    let covered = |parts: &[LaidPart]| {
+        let mut image = simple_picture(parts);
+        let radii_m = (0..240).map(|step| 0.03 + 0.000_25 * f64::from(step));
+        let places = radii_m.flat_map(|radius_m| {
+            (0..1200).map(move |step| at(radius_m, TAU * (0.5 + f64::from(step) / 2400.0), 0).place)
+        });
+        let is_clear = |place: &Point2<f64>| parts.iter().all(|part| (part.place - place).norm() > 2.0 * RADIUS_M);
+        paint(&mut image, &scene(&GROMMET, 2.0), places.filter(is_clear), 60);
+        selector().detect(&image, &over_camera())
+    };
+    assert_eq!(covered(&[]), Err(ImageFault::NoBackground));
+    let candidates = covered(&parts).unwrap();
+    for part in &parts {
+        let is_it = |seen: &&Candidate| (seen.centre() - part.place).norm() < 0.000_3;
+        let seen = candidates.iter().find(is_it);
+        assert_eq!(seen.and_then(|seen| seen.pose), Some(part.pose), "{candidates:?}");
+    }
+}
+
 #[test]
 fn only_what_lies_wholly_on_the_plateau_is_on_it() {
     let parts = [at(0.06, 4.5, 0), at(0.06, TAU - 0.02, 0), at(0.06, std::f64::consts::PI + 0.02, 0), at(0.06, 1.0, 0)];
