@@ -80,7 +80,7 @@ pub(super) fn glance(
     frame: &Segmentation,
     turn: &Turn,
     (column, row): (usize, usize),
-    light: &LightAmounts,
+    light: Option<&LightAmounts>,
     cost_max: f32,
 ) -> f32 {
     let points = &turn.points[..turn.points.len().min(GLANCE_POINTS)];
@@ -103,7 +103,7 @@ pub(super) fn coarse(
     frame: &Segmentation,
     points: &[CoarsePoint],
     (column, row): (usize, usize),
-    light: &LightAmounts,
+    light: Option<&LightAmounts>,
     cost_max: CostMax,
 ) -> f32 {
     const FIRST: u16 = 24;
@@ -128,7 +128,7 @@ pub(super) fn coarse_evidence(
     frame: &Segmentation,
     turn: &Turn,
     (column, row): (usize, usize),
-    light: &LightAmounts,
+    light: Option<&LightAmounts>,
 ) -> f32 {
     let bare = Bare::new(frame.sigma * frame.sigma);
     let seen = turn.points.iter().filter_map(|point| Some((point, at_pixel(frame, point, column, row)?)));
@@ -152,8 +152,9 @@ fn at_pixel(frame: &Segmentation, point: &CoarsePoint, column: usize, row: usize
 
 /// By how many standard deviations a level misses a point, capped.
 #[inline]
-fn miss(frame: &Segmentation, point: &CoarsePoint, light: &LightAmounts, level: f32, index: usize) -> f32 {
-    let value = point.value + added(&point.effect, light) + point.wall_shade * frame.wall_shade(index);
+fn miss(frame: &Segmentation, point: &CoarsePoint, light: Option<&LightAmounts>, level: f32, index: usize) -> f32 {
+    let lit = light.map_or(0.0, |light| added(&point.effect, light));
+    let value = point.value + lit + point.wall_shade * frame.wall_shade(index);
     ((level - value) * point.inverse_sigma).clamp(-MISS_SIGMAS_MAX, MISS_SIGMAS_MAX)
 }
 

@@ -30,8 +30,8 @@ pub(super) struct Seed {
     /// Pixel of the window.
     pub column: usize,
     pub row: usize,
-    /// What the rings tell of the light.
-    pub light: LightAmounts,
+    /// What the rings tell of the light; nothing where it is taken to be the one taught.
+    pub light: Option<LightAmounts>,
 }
 
 /// Finds places; keeps its memory from frame to frame.
@@ -47,7 +47,7 @@ pub(super) struct Search {
     /// For each pose and place, its mean square miss.
     misses: Vec<Vec<f32>>,
     /// For each pose and place looked at, what the rings tell of the light.
-    lights: Vec<Vec<LightAmounts>>,
+    lights: Vec<Vec<Option<LightAmounts>>>,
     /// For each place, what a glance at a pose misses.
     glances: Vec<f32>,
     /// Places in a row of the latest frame.
@@ -94,7 +94,7 @@ impl Search {
             misses.clear();
             misses.resize(columns * rows, f32::INFINITY);
         }
-        self.lights.iter_mut().for_each(|lights| lights.resize(columns * rows, [0.0; LIGHT_MODES]));
+        self.lights.iter_mut().for_each(|lights| lights.resize(columns * rows, None));
         let offsets: Vec<isize> = self
             .places
             .iter()
@@ -126,7 +126,8 @@ impl Search {
                     let (mut miss, mut weight) = (0.0, 0.0);
                     let rings = sought.rings.iter().zip(&summed);
                     for (ring, sum) in rings.filter(|(_, sum)| sum.hidden <= RING_HIDDEN_MAX) {
-                        let difference = difference(ring, sum) - added(&ring.effect, &light);
+                        let lit = light.map_or(0.0, |light| added(&ring.effect, &light));
+                        let difference = difference(ring, sum) - lit;
                         let variance = ring.variance + noise + ring.variance_along * sum.hidden;
                         miss += ring.weight * (difference * difference / variance).min(RING_MISS_MAX);
                         weight += ring.weight;
@@ -145,7 +146,8 @@ impl Search {
             };
             // Next to a part rings fit as well, in a light that is less likely.
             let doubt = |place: usize| {
-                lights[place].iter().map(|amount| amount * amount).sum::<f32>() / sought.rings.len() as f32
+                let square = lights[place].iter().flatten().map(|amount| amount * amount).sum::<f32>();
+                square / sought.rings.len() as f32
             };
             let turns = sought.template.yaw_symmetry != 0;
             self.glances.clear();
@@ -160,7 +162,13 @@ impl Search {
     }
 
     /// What the rings about a pixel of the window tell of the light, if a part in this pose lies there.
-    pub(super) fn light_at(&self, frame: &Segmentation, sought: &Sought, column: usize, row: usize) -> LightAmounts {
+    pub(super) fn light_at(
+        &self,
+        frame: &Segmentation,
+        sought: &Sought,
+        column: usize,
+        row: usize,
+    ) -> Option<LightAmounts> {
         let mut summed = vec![RingSum::default(); self.ends.len()];
         self.sum_rings_at_border(frame, column, row, &mut summed);
         light(sought, &summed)
@@ -223,17 +231,17 @@ fn difference(ring: &Ring, sum: &RingSum) -> f32 {
     sum.mean - ring.mean - ring.wall_shade * sum.wall_shade
 }
 
-/// What the rings that are seen tell of the light.
-fn light(sought: &Sought, summed: &[RingSum]) -> LightAmounts {
-    let mut light = [0.0; LIGHT_MODES];
+/// What the rings that are seen tell of the light; nothing where it is to be the one taught.
+fn light(sought: &Sought, summed: &[RingSum]) -> Option<LightAmounts> {
     if sought.light == Light::Taught {
-        return light;
+        return None;
     }
+    let mut light = [0.0; LIGHT_MODES];
     for (ring, sum) in sought.rings.iter().zip(summed).filter(|(_, sum)| sum.hidden <= RING_HIDDEN_MAX) {
         let difference = difference(ring, sum);
         light.iter_mut().zip(ring.amounts).for_each(|(amount, told)| *amount += told * difference);
     }
-    light.map(clamped)
+    Some(light.map(clamped))
 }
 
 /// Places where no neighbour misses by less, and the place itself by at most `miss_max`.

@@ -3,7 +3,7 @@
 use nalgebra::Point2;
 
 use super::super::align::{CostMax, Fit, coarse, coarse_evidence, glance};
-use super::super::modes::{self, LIGHT_MODES, Light};
+use super::super::modes::{self, Light, MODES};
 use super::super::search::Seed;
 use super::super::segment::Segmentation;
 use super::super::sought::{Sought, Turn, slant_index};
@@ -35,7 +35,7 @@ impl Detector {
         let before = guesses.len();
         self.guess_in_light(view, seed, guesses);
         if self.light == Light::Any && guesses.len() == before {
-            self.guess_in_light(view, Seed { light: [0.0; LIGHT_MODES], ..seed }, guesses);
+            self.guess_in_light(view, Seed { light: None, ..seed }, guesses);
         }
     }
 
@@ -50,7 +50,7 @@ impl Detector {
                 let all = least + BESIDE_COST;
                 let cost_max = CostMax { first: FIRST_COST_MAX.min(all), all };
                 let place = (seed.column, seed.row);
-                let cost = coarse(&self.segmentation, &turn.points, place, &seed.light, cost_max);
+                let cost = coarse(&self.segmentation, &turn.points, place, seed.light.as_ref(), cost_max);
                 least = least.min(cost);
                 Look { cost, place }
             })
@@ -61,7 +61,7 @@ impl Detector {
         for (look, turn) in looks.iter_mut().zip(turns).filter(|(look, _)| look.cost <= worth_a_look) {
             for place in beside(seed) {
                 let cost_max = CostMax { first: look.cost, all: look.cost };
-                let cost = coarse(&self.segmentation, &turn.points, place, &seed.light, cost_max);
+                let cost = coarse(&self.segmentation, &turn.points, place, seed.light.as_ref(), cost_max);
                 if cost < look.cost {
                     *look = Look { cost, place };
                     if cost <= least {
@@ -75,10 +75,10 @@ impl Detector {
             return;
         };
         let evidence =
-            |index: usize| coarse_evidence(&self.segmentation, &turns[index], looks[index].place, &seed.light);
+            |index: usize| coarse_evidence(&self.segmentation, &turns[index], looks[index].place, seed.light.as_ref());
         guesses.extend(valleys(&looks, evidence).into_iter().map(|(index, evidence)| {
             let cost = looks[index].cost;
-            let amounts = modes::all(&seed.light);
+            let amounts = seed.light.map_or([0.0; MODES], |light| modes::all(&light));
             let yaw_rad = turns[index].yaw_rad - view.platen_from_tray.rotation.angle();
             Found::new(seed.pose, Fit { centre, yaw_rad, cost, evidence, amounts })
         }));
@@ -121,7 +121,8 @@ impl Detector {
 
 /// What a glance at a seed misses at least; infinitely much where nothing there is worth a closer look.
 pub(super) fn glance_at(view: &View, frame: &Segmentation, sought: &Sought, seed: Seed) -> f32 {
-    let least = |least: f32, turn: &Turn| least.min(glance(frame, turn, (seed.column, seed.row), &seed.light, least));
+    let least =
+        |least: f32, turn: &Turn| least.min(glance(frame, turn, (seed.column, seed.row), seed.light.as_ref(), least));
     let miss = turns_at(view, frame, sought, seed).iter().fold(GLANCE_COST_MAX, least);
     if miss < GLANCE_COST_MAX { miss } else { f32::INFINITY }
 }

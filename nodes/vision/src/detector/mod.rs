@@ -189,8 +189,9 @@ impl Detector {
                 let light = self.search.light_at(&self.segmentation, sought, column, row);
                 let seed = Seed { pose, column, row, light };
                 let turns = turns_at(view, &self.segmentation, sought, seed);
-                let least =
-                    |least: f32, turn: &Turn| least.min(glance(&self.segmentation, turn, (column, row), &light, least));
+                let least = |least: f32, turn: &Turn| {
+                    least.min(glance(&self.segmentation, turn, (column, row), light.as_ref(), least))
+                };
                 seeds.push((turns.iter().fold(f32::MAX, least), seed));
             }
         }

@@ -22,6 +22,9 @@ const EXPECTED_RATIO_MIN: f64 = 0.5;
 /// What the hub tells of the plateau's brightness is right within this factor: lights that differ much differ by 1.1. What is alike
 /// in many places and further from that is the shade of a crowd.
 const BESIDE_HUB_FACTOR: f32 = 1.4;
+/// Where less of the plateau than this looks as the hub tells, nothing tells of the light on it: where nuts cover half of it
+/// 0.06 does, where brackets or clips do less than 0.01.
+const BARE_RATIO_MIN: f64 = 0.02;
 /// Inertia of the fit, in shares of the plateau: where little of the plateau is free, and that in the shade of parts, the
 /// taught light counts.
 const FIT_INERTIA: f32 = 0.5;
@@ -103,7 +106,7 @@ impl Segmentation {
             if alone.as_ref().is_ok_and(|(light, ..)| self.hub_level.is_none() || as_hub_tells(light[0])) {
                 return alone;
             }
-            if share(inliers) < BACKGROUND_RATIO_MIN {
+            if share(inliers) < BARE_RATIO_MIN {
                 return Err(ImageFault::NoBackground);
             }
         }

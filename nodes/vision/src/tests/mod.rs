@@ -222,7 +222,7 @@ fn a_covered_plateau_tells_of_no_light() {
         let places = radii_m.flat_map(|radius_m| {
             (0..1200).map(move |step| at(radius_m, TAU * (0.5 + f64::from(step) / 2400.0), 0).place)
         });
-        let is_clear = |place: &Point2<f64>| parts.iter().all(|part| (part.place - place).norm() > 2.0 * RADIUS_M);
+        let is_clear = |place: &Point2<f64>| parts.iter().all(|part| (part.place - place).norm() > RADIUS_M + 0.001);
         paint(&mut image, &scene(&GROMMET, 2.0), places.filter(is_clear), 60);
         selector().detect(&image, &over_camera())
     };
