@@ -230,7 +230,7 @@ struct Probe<const UNKNOWNS: usize> {
 const PLACE_UNKNOWNS: usize = 3;
 const ALL_UNKNOWNS: usize = PLACE_UNKNOWNS + MODES;
 
-/// Fits a pose to a frame from a first guess: Gauss–Newton on place, yaw and modes, the template's gradient taken at the guess
+/// Fits a pose to a frame from a first guess: Gauss–Newton on place, yaw and modes, the picture's gradient taken at the guess
 /// (the inverse compositional form of Lucas and Kanade: Baker and Matthews 2004, "Lucas-Kanade 20 years on"). Shading turns
 /// against the part as the part turns, so that the template is a function of the yaw. `None` if it leads astray or too little
 /// is seen.
@@ -264,7 +264,8 @@ fn laid<const UNKNOWNS: usize>(
     let aspect = sought.aspect(view, &start);
     let start = Fit { yaw_rad: aspect.yaw_rad - view.platen_from_tray.rotation.angle(), ..start };
     let noise = frame.sigma * frame.sigma;
-    let probes: Vec<Probe<UNKNOWNS>> = probes(sought, &aspect, noise, owners.beside_sigma, &belief.added, fineness);
+    let probes: Vec<Probe<UNKNOWNS>> =
+        probes(sought, &aspect, &start.amounts, noise, owners.beside_sigma, &belief.added, fineness);
     let bare = Bare::new(noise);
     let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
     let px_from_tray = view.px_from_tray(start.centre, sought.plane_m)?;
@@ -438,6 +439,7 @@ pub(super) fn residuals(
 fn probes<const UNKNOWNS: usize>(
     sought: &Sought,
     aspect: &Aspect,
+    amounts: &Amounts,
     noise: f32,
     beside_sigma: f32,
     added: &[f32],
@@ -446,11 +448,15 @@ fn probes<const UNKNOWNS: usize>(
     let turns = sought.template.yaw_symmetry != 0;
     let picture = sought.template.picture(aspect);
     let effects = sought.effects(&picture, aspect);
-    let picture_change = turns.then(|| sought.template.picture_change(aspect));
+    // Edges are where the light begun with has them, and shades turn against the part. What blur and size do to edges is left out: it
+    // is told by few texels, and led astray.
+    let light = modes::of_other_lights(amounts);
+    let lit = sought.lit(&picture, &effects, &light);
+    let picture_change = turns.then(|| sought.lit_change(aspect, &lit, &light));
     let texels_per_px = single(sought.m_per_px / sought.template.texel_m);
     let probe = |index: usize| {
         let place = sought.template.place_m(index);
-        let (along_x, along_y) = gradient(&picture, sought.template.side(), index);
+        let (along_x, along_y) = gradient(&lit, sought.template.side(), index);
         let inverse_sigma = 1.0 / (sought.variance(index, beside_sigma) + noise).sqrt();
         let (x, y) = (along_x * inverse_sigma * texels_per_px, along_y * inverse_sigma * texels_per_px);
         let turned = picture_change.as_ref().map_or(0.0, |change| change[index]);

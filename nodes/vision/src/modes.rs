@@ -40,12 +40,12 @@ impl Light {
     }
 
     /// How far beside its place in the picture, along rows and columns, a part's shadow may be seen, px: the lamp may stand a little
-    /// elsewhere than taught. Where light is fitted too the picture has the shadow already, and more room for chance would let things
-    /// beside pass for it.
-    pub(super) fn shadow_misses_px(self) -> &'static [f64] {
+    /// elsewhere than taught, or than the parts of the frame tell. Where light is fitted that comes from no side more than it did, the picture
+    /// has the shadow already, and more room for chance would let things beside pass for it.
+    pub(super) fn shadow_misses_px(self, is_from_a_side: bool) -> &'static [f64] {
         match self {
-            Self::Taught => &[-1.0, 0.0, 1.0],
-            Self::Any => &[0.0],
+            Self::Any if !is_from_a_side => &[0.0],
+            Self::Taught | Self::Any => &[-1.0, 0.0, 1.0],
         }
     }
 
@@ -75,8 +75,9 @@ pub(super) const MODES: usize = LIGHT_MODES + 2;
 
 /// Amounts of the modes, in units of their spreads.
 pub(super) type Amounts = [f32; MODES];
-/// The same of those that light makes.
+/// The same of those that light makes, and of those of where low light comes from.
 pub(super) type LightAmounts = [f32; LIGHT_MODES];
+pub(super) type SideAmounts = [f32; SIDES];
 
 /// Spreads, as standard deviations. They are no tolerances of one part or camera but what lamps and surfaces differ by from
 /// one another: a part as a whole and its contrasts by a quarter, the floor close by within half of its shade, the light taught by
@@ -223,6 +224,22 @@ pub(super) fn added<const N: usize>(effect: &[f32; N], amounts: &[f32; N]) -> f3
 /// The amounts that light makes, of all.
 pub(super) fn of_light(amounts: &Amounts) -> LightAmounts {
     std::array::from_fn(|mode| amounts[mode])
+}
+
+/// The amounts that other lights make, and nothing else.
+pub(super) fn of_other_lights(amounts: &Amounts) -> Amounts {
+    std::array::from_fn(|mode| if OTHER_LIGHTS.contains(&mode) { amounts[mode] } else { 0.0 })
+}
+
+/// The amounts of where low light comes from, of all.
+pub(super) fn of_sides(amounts: &Amounts) -> SideAmounts {
+    std::array::from_fn(|side| amounts[FROM_SIDES.start + side])
+}
+
+/// The same amounts of light but for where low light comes from.
+pub(super) fn from_sides(mut light: LightAmounts, sides: &SideAmounts) -> LightAmounts {
+    light[FROM_SIDES].copy_from_slice(sides);
+    light
 }
 
 /// All amounts, of those that light makes.

@@ -107,6 +107,7 @@ pub(super) fn measure_room(detector: &Detector, view: &View, parts: &[Lying]) ->
     };
     let frame = &detector.segmentation;
     let tolerance = frame.threshold + OBSTACLE_TOLERANCE;
+    let shadow_misses_px = detector.light.shadow_misses_px(detector.is_lit_from_a_side);
     let mut is_thing = vec![false; frame.window.len()];
     let mut shades: Vec<Shade> = Vec::new();
     let (mut own_px, mut foreign_px) = (0, 0);
@@ -124,7 +125,7 @@ pub(super) fn measure_room(detector: &Detector, view: &View, parts: &[Lying]) ->
             let Lying { pose, ref pictured, .. } = parts[*index];
             let sought = &detector.sought[pose];
             let at = (pixel % frame.window.width, pixel / frame.window.width);
-            let seen = pictured.as_ref().map(|pictured| pictured.range(sought, at, detector.light.shadow_misses_px()));
+            let seen = pictured.as_ref().map(|pictured| pictured.range(sought, at, shadow_misses_px));
             let (darkest, brightest) = seen.unwrap_or((0.0, 0.0));
             (low.min(darkest), high.max(brightest))
         };

@@ -1,7 +1,7 @@
 //! Where to look closer: the rings of brightness about a place tell, whatever the yaw, whether a part may lie there; of a part
 //! that does not look the same from all sides, a glance at all yaws tells where that is likeliest.
 
-use super::modes::{LIGHT_MODES, Light, LightAmounts, added, clamped};
+use super::modes::{self, LIGHT_MODES, Light, LightAmounts, SideAmounts, added, clamped};
 use super::segment::{RELATIVE_UNITS, Segmentation};
 use super::sought::{Ring, Sought};
 use super::template::RING_MISS_MAX;
@@ -84,8 +84,14 @@ impl Search {
     }
 
     /// Places worth a closer look, in the order of poses and then of the image: those where the rings miss least and, of poses
-    /// with a yaw, where a `glance` at the place misses least.
-    pub(super) fn seeds(&mut self, frame: &Segmentation, sought: &[Sought], glance: impl Fn(Seed) -> f32) -> Vec<Seed> {
+    /// with a yaw, where a `glance` at the place misses least. Rings do not tell from which `sides` light comes.
+    pub(super) fn seeds(
+        &mut self,
+        frame: &Segmentation,
+        sought: &[Sought],
+        sides: &SideAmounts,
+        glance: impl Fn(Seed) -> f32,
+    ) -> Vec<Seed> {
         let (width, height) = (frame.window.width, frame.window.height);
         let (columns, rows) = (width / STRIDE, height / STRIDE);
         let hollow_px = sought.iter().map(|sought| sought.hollow_px).max().unwrap_or(0);
@@ -142,7 +148,7 @@ impl Search {
             let ring_miss_max = sought.template.ring_miss_max;
             let seed = |place: usize| {
                 let (column, row) = (place % columns * STRIDE, place / columns * STRIDE);
-                Seed { pose, column, row, light: lights[place] }
+                Seed { pose, column, row, light: lights[place].map(|light| modes::from_sides(light, sides)) }
             };
             // Next to a part rings fit as well, in a light that is less likely.
             let doubt = |place: usize| {

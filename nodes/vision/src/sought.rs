@@ -248,14 +248,29 @@ impl Sought {
 
     /// The picture of the part as fitted, with what light and lens have made of it.
     pub(super) fn fitted(&self, aspect: &Aspect, amounts: &Amounts) -> Vec<f32> {
-        let mut picture = self.template.picture(aspect);
+        let picture = self.template.picture(aspect);
+        self.lit(&picture, &self.effects(&picture, aspect), amounts)
+    }
+
+    /// A picture of the part with what light and lens have made of it.
+    pub(super) fn lit(&self, picture: &[f32], effects: &EffectsOn, amounts: &Amounts) -> Vec<f32> {
+        let lit = |(texel, level): (usize, &f32)| match self.light {
+            Light::Taught => *level,
+            Light::Any => level + effects.added(texel, amounts),
+        };
+        picture.iter().enumerate().map(lit).collect()
+    }
+
+    /// How the picture `lit` of the part, as it is under this aspect, changes with the yaw, 1/rad.
+    pub(super) fn lit_change(&self, aspect: &Aspect, lit: &[f32], amounts: &Amounts) -> Vec<f32> {
+        const STEP_RAD: f64 = 0.02;
         if self.light == Light::Taught {
-            return picture;
+            return self.template.picture_change(aspect);
         }
-        let effects = self.effects(&picture, aspect);
-        let added: Vec<f32> = (0..picture.len()).map(|texel| effects.added(texel, amounts)).collect();
-        picture.iter_mut().zip(added).for_each(|(level, added)| *level += added);
-        picture
+        let step_rad =
+            if aspect.yaw_rad + STEP_RAD < period_rad(self.template.yaw_symmetry) { STEP_RAD } else { -STEP_RAD };
+        let turned = self.fitted(&Aspect { yaw_rad: aspect.yaw_rad + step_rad, ..*aspect }, amounts);
+        turned.iter().zip(lit).map(|(turned, lit)| (turned - lit) / single(step_rad)).collect()
     }
 
     /// Mean square miss in the latest frame up to which the template holds.

@@ -101,8 +101,9 @@ pub const LIGHTS_ALL_ROUND: usize = 3;
 /// Most lights other than the one taught in which a part is known.
 pub(super) const LIGHTS_MAX: usize = LIGHTS_ALL_ROUND + 1;
 
-/// Pictures that tell what it adds that light comes from one side.
-pub(super) const SIDES: usize = 2;
+/// Pictures that tell what it adds that light comes from one side: for the cosine and the sine of its direction, and for those of
+/// twice that, without which shadows would be too wide.
+pub(super) const SIDES: usize = 4;
 
 /// What a part looks like in another light.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -164,8 +165,8 @@ pub struct PoseTemplate {
     /// The part as drawn in other lights: in those that fall alike from all sides, from round the lens, from a dome and low, and,
     /// where it was taught from pictures, in the light in which it was drawn.
     pub lights: Vec<LitPicture>,
-    /// What it adds to the part's picture in low light from all sides that it comes from where the part's x points, and its y: light from
-    /// between them adds some of both, from behind as much less.
+    /// What it adds to the part's picture in low light from all sides that it comes from one of them: times the cosine of its direction,
+    /// counter-clockwise from the part's x, times the sine, and times those of twice that direction.
     pub from_side: [Plane; SIDES],
     /// Brightness of what parts have round them, relative to the plateau's: for each pixel of distance from the outline a row
     /// of directions on the platen.
@@ -196,6 +197,12 @@ pub(super) struct Factors {
     pub slant: [f64; SLANT_PLANES],
     pub at_yaws_change: [f64; 2],
     pub slant_change: [f64; SLANT_PLANES],
+}
+
+/// Factors of the pictures that tell what it adds that light comes from a direction, rad.
+pub(super) fn direction_factors(direction_rad: f64) -> [f64; SIDES] {
+    let ((sin, cos), (sin_twice, cos_twice)) = (direction_rad.sin_cos(), (2.0 * direction_rad).sin_cos());
+    [cos, sin, cos_twice, sin_twice]
 }
 
 /// How many steps of yaw a period is divided into.
@@ -325,10 +332,17 @@ impl PoseTemplate {
         self.lights.iter().map(move |lit| lit.picture(aspect, self.yaw_symmetry))
     }
 
-    /// What it adds under an aspect that low light comes from along the platen's x, and from along its y.
+    /// What it adds under an aspect that low light comes from one side, as in `from_side`, but for directions from the platen's x.
     pub(super) fn lit_from_sides(&self, aspect: &Aspect) -> [Vec<f32>; SIDES] {
-        let (sin, cos) = aspect.yaw_rad.sin_cos();
-        [[cos, -sin], [sin, cos]].map(|factors| weighted(self.from_side.iter().zip(factors)))
+        let [cos, sin, cos_twice, sin_twice] = direction_factors(aspect.yaw_rad);
+        let [x, y, xx, xy] = &self.from_side;
+        let pairs = [
+            [(x, cos), (y, -sin)],
+            [(x, sin), (y, cos)],
+            [(xx, cos_twice), (xy, -sin_twice)],
+            [(xx, sin_twice), (xy, cos_twice)],
+        ];
+        pairs.map(|pair| weighted(pair.into_iter()))
     }
 
     /// Checks every number.

@@ -3,7 +3,7 @@
 use nalgebra::{Point2, Rotation2, Vector2};
 
 use super::super::align::{Fineness, Fit, Owners, refine, residuals, yaw_lead_share};
-use super::super::modes::{self, Amounts, Belief, Light, MODES};
+use super::super::modes::{self, Amounts, Belief, Light, MODES, SideAmounts};
 use super::super::sought::{FREE_SIGMA, SHADE_SIGMA};
 use super::super::template::period_rad;
 use super::super::view::View;
@@ -12,7 +12,7 @@ use super::{Detector, Found};
 /// How far a part shades what lies beside it, in its height.
 const SHADE_HEIGHTS: f64 = 0.8;
 /// Mean square miss up to which a part counts among those that tell what the light of a frame is, and how much evidence it must
-/// have at least, of that of the middle one; how many there must be for that, and to add to the template what all show.
+/// have at least, of that which a quarter of them has; how many there must be for that, and to add to the template what all show.
 const ALIKE_COST_MAX: f32 = 3.0;
 const ALIKE_EVIDENCE_RATIO: f32 = 0.5;
 pub(in super::super) const ALIKE_MIN: usize = 4;
@@ -24,8 +24,12 @@ const BESIDE_PX: f64 = 3.0;
 const SAME_PLACE_PX: f64 = 1.0;
 /// What parts under one light differ by among each other at least, in spreads of the modes; and a part alone from the one taught,
 /// beside which the floor may be as bright as it likes: a white part lights it.
-const PART_SPREADS: Amounts = [0.3, 0.2, 0.4, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 1.0, 0.5];
-const LONE_SPREADS: Amounts = [0.3, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3];
+const PART_SPREADS: Amounts = [0.3, 0.2, 0.4, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 1.0, 0.5];
+const LONE_SPREADS: Amounts = [0.3, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.3];
+/// Light comes from one side, more than when the part was taught, where what tells that is more than this in sum, in spreads of the modes
+/// (root of the squares), and what so many parts share.
+const FROM_A_SIDE_MIN: f32 = 0.5;
+const FROM_A_SIDE_COUNT_MIN: usize = 2;
 /// Where parts seem to differ by more than so many times that, things of another kind are among them.
 const PART_SPREADS_RATIO_MAX: f32 = 2.0;
 
@@ -34,18 +38,11 @@ impl Detector {
     fn beliefs(&self, view: &View, found: &[Found]) -> Vec<Belief> {
         let open = self.open_belief(view);
         // The same light falls on all poses.
-        let lights = shared_light(found.iter().map(|part| &part.fit));
+        let lights =
+            shared_light((0..self.sought.len()).flat_map(|pose| alike(found, pose)).map(|(_, part)| &part.fit));
         let belief = |pose: usize| {
             let sought = &self.sought[pose];
-            let of_pose = |part: &Found| part.pose == pose && part.fit.cost <= ALIKE_COST_MAX;
-            let mut evidences: Vec<f32> =
-                found.iter().filter(|part| of_pose(part)).map(|part| part.fit.evidence).collect();
-            let usual = median(&mut evidences);
-            let alike: Vec<(usize, &Found)> = found
-                .iter()
-                .enumerate()
-                .filter(|(_, part)| of_pose(part) && part.fit.evidence >= ALIKE_EVIDENCE_RATIO * usual)
-                .collect();
+            let alike = alike(found, pose);
             if alike.len() < ALIKE_MIN {
                 let spread = std::array::from_fn(|mode| open.spread[mode].min(LONE_SPREADS[mode]));
                 return Belief { spread, ..open.clone() };
@@ -57,6 +54,7 @@ impl Detector {
                 let mut amounts: Vec<f32> = alike.iter().map(|(_, part)| part.fit.amounts[mode]).collect();
                 median(&mut amounts)
             });
+            let usual = median(&mut alike.iter().map(|(_, part)| part.fit.evidence).collect::<Vec<f32>>());
             let mut added = Vec::new();
             if alike.len() >= ADAPTED_MIN {
                 let seen: Vec<Vec<Option<f32>>> = alike
@@ -88,6 +86,16 @@ impl Detector {
             Belief { middle, spread, added, evidence: usual }
         };
         (0..self.sought.len()).map(belief).collect()
+    }
+
+    /// From where the parts of a frame tell that light comes, if it comes from one side more than when they were taught.
+    pub(super) fn light_from_a_side(&self, found: &[Found]) -> Option<SideAmounts> {
+        let told: Vec<&Fit> =
+            (0..self.sought.len()).flat_map(|pose| alike(found, pose)).map(|(_, part)| &part.fit).collect();
+        let sides = modes::of_sides(&shared_light(told.iter().copied()));
+        let square: f32 = sides.iter().map(|amount| amount * amount).sum();
+        let is_from_a_side = told.len() >= FROM_A_SIDE_COUNT_MIN && square >= FROM_A_SIDE_MIN * FROM_A_SIDE_MIN;
+        (self.light == Light::Any && is_from_a_side).then_some(sides)
     }
 
     /// Fits parts again from where they were found, by what they have in common: without what belongs to neighbours, and what
@@ -202,6 +210,17 @@ fn shared_light<'a>(fits: impl Iterator<Item = &'a Fit>) -> Amounts {
     lights
 }
 
+/// The parts in a pose that tell what the light of a frame is, with where they stand among all. Beside parts the floor may pass for dim
+/// ones, and for more than there are parts: what stands out by far less than a quarter of them do tells nothing.
+fn alike(found: &[Found], pose: usize) -> Vec<(usize, &Found)> {
+    let of_pose = |part: &Found| part.pose == pose && part.fit.cost <= ALIKE_COST_MAX;
+    let mut evidences: Vec<f32> = found.iter().filter(|part| of_pose(part)).map(|part| part.fit.evidence).collect();
+    evidences.sort_by(f32::total_cmp);
+    let strong = evidences.get(evidences.len() * 3 / 4).copied().unwrap_or(0.0);
+    let stands_out = |part: &Found| part.fit.evidence >= ALIKE_EVIDENCE_RATIO * strong;
+    found.iter().enumerate().filter(|(_, part)| of_pose(part) && stands_out(part)).collect()
+}
+
 /// What parts that lie in the same light tell of it about another one, if they are enough.
 pub(in super::super) fn belief_of_light(fits: &[Fit], open: &Belief) -> Option<Belief> {
     let lights = shared_light(fits.iter());
@@ -216,4 +235,47 @@ pub(in super::super) fn belief_of_light(fits: &[Fit], open: &Belief) -> Option<B
 fn median(values: &mut [f32]) -> f32 {
     values.sort_by(f32::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Isometry2;
+
+    use super::*;
+    use crate::tests::recognition::IN_ANY_LIGHT;
+
+    /// A part that fits with this evidence, and what light has made of it.
+    fn found(evidence: f32, change: impl FnOnce(&mut Fit)) -> Found {
+        let mut fit = Fit { centre: Point2::new(0.0, -0.06), yaw_rad: 0.0, cost: 0.1, evidence, amounts: [0.0; MODES] };
+        change(&mut fit);
+        Found::new(0, fit)
+    }
+
+    /// The floor beside parts may pass for dim ones, and more of those may be seen than parts.
+    #[test]
+    fn the_light_of_a_frame_is_told_by_what_stands_out_most_however_much_dimmer_things_there_are() {
+        let view = IN_ANY_LIGHT.view(&Isometry2::identity());
+        let mut things: Vec<Found> = (0..4).map(|_| found(900.0, |fit| fit.amounts[0] = 0.5)).collect();
+        things.extend((0..5).map(|_| found(300.0, |fit| fit.amounts[0] = -1.5)));
+        let belief = &IN_ANY_LIGHT.beliefs(&view, &things)[0];
+        assert_eq!((belief.middle[0], belief.evidence), (0.5, 900.0));
+        // Three are too few to tell.
+        let belief = &IN_ANY_LIGHT.beliefs(&view, &things[..3])[0];
+        assert_eq!((belief.middle[0], belief.evidence), (0.0, 0.0));
+    }
+
+    #[test]
+    fn light_comes_from_a_side_where_what_two_parts_share_tells_so() {
+        let first = modes::OTHER_LIGHTS.end - 4;
+        let lit = |amount: f32, cost: f32| {
+            found(900.0, |fit| {
+                (fit.amounts[first], fit.amounts[first + 3]) = (amount, amount);
+                fit.cost = cost;
+            })
+        };
+        let told = IN_ANY_LIGHT.light_from_a_side(&[lit(0.5, 0.1), lit(0.5, 2.0), lit(0.0, 0.2)]);
+        assert_eq!(told, Some([0.5, 0.0, 0.0, 0.5]));
+        assert_eq!(IN_ANY_LIGHT.light_from_a_side(&[lit(0.3, 0.1), lit(0.3, 0.1)]), None, "no more than chance");
+        assert_eq!(IN_ANY_LIGHT.light_from_a_side(&[lit(0.5, 0.1), lit(0.5, 4.0)]), None, "one that fits");
+    }
 }

@@ -32,10 +32,10 @@ impl Detector {
     }
 
     /// Takes the fits in order of their evidence for the parts they show, and what they cover as shown.
-    pub(super) fn explain(&self, view: &View, fits: Vec<Found>, owners: &mut [u16]) -> Vec<Found> {
+    pub(super) fn explain(&self, view: &View, fits: &[Found], owners: &mut [u16]) -> Vec<Found> {
         let mut found: Vec<Found> = Vec::new();
         let mut pixels = Vec::new();
-        for fit in fits {
+        for fit in fits.iter().copied() {
             if !self.is_thing(&fit) {
                 continue;
             }

@@ -13,12 +13,12 @@ use nalgebra::{Isometry2, Point2, Rotation2, Vector2};
 use super::ImageFault;
 use super::align::{Fineness, Fit, NO_PART, Owners, glance, refine};
 use super::health;
-use super::modes::{Belief, Light};
+use super::modes::{Belief, Light, SideAmounts};
 use super::search::{Search, Seed};
 use super::segment::{Plateau, Segmentation, TaughtLight, Uncovered};
 use super::sought::{SHADE_SIGMA, Sought, Turn};
 use super::surround::{Samples, Surround};
-use super::template::PartModel;
+use super::template::{PartModel, SIDES};
 use super::view::{RayTable, View};
 pub(super) use company::{ALIKE_MIN, belief_of_light};
 use explain::{clip, covered};
@@ -102,6 +102,8 @@ pub(super) struct Detector {
     search: Search,
     /// For each pixel of the window the part it shows, counted from 1.
     owners: Vec<u16>,
+    /// Whether light comes from one side in the latest frame, more than when the part was taught.
+    pub(super) is_lit_from_a_side: bool,
     /// What the parts of each pose have round them in the latest frame.
     pub(super) surrounds: Vec<Surround>,
 }
@@ -121,6 +123,7 @@ impl Detector {
             surrounds: sought.iter().map(|sought| sought.template.surround()).collect(),
             sought,
             owners: Vec::new(),
+            is_lit_from_a_side: false,
         }
     }
 
@@ -159,6 +162,7 @@ impl Detector {
             contrast_min_levels,
             BLOB_PX_MIN,
         )?;
+        self.is_lit_from_a_side = false;
         let noise = self.segmentation.sigma * self.segmentation.sigma;
         self.sought.iter_mut().for_each(|sought| sought.expect_noise(noise));
         self.owners.clear();
@@ -218,18 +222,15 @@ impl Detector {
         self.look(image, platen_from_tray, contrast_min_levels)?;
         let (camera, tray) = (self.camera.clone(), self.tray);
         let view = View { camera: &camera, tray: &tray, platen_from_tray: *platen_from_tray };
-        let mut guesses = Vec::new();
-        let glance = |seed: Seed| glance_at(&view, &self.segmentation, &self.sought[seed.pose], seed);
-        for seed in self.search.seeds(&self.segmentation, &self.sought, glance) {
-            self.guess(&view, seed, &mut guesses);
+        let mut fits = self.fits(&view, &[0.0; SIDES]);
+        let mut found = self.explained(&view, &mut fits);
+        // Rings tell nothing of a side from which light comes: where parts found do, others are looked for in that light.
+        let sides = self.light_from_a_side(&found);
+        self.is_lit_from_a_side = sides.is_some();
+        if let Some(sides) = sides {
+            fits.extend(self.fits(&view, &sides));
+            found = self.explained(&view, &mut fits);
         }
-        let guesses = self.distinct(guesses);
-        let open = self.open_belief(&view);
-        let mut fits: Vec<Found> = guesses.into_iter().filter_map(|guess| self.fitted(&view, guess, &open)).collect();
-        fits.sort_by(|a, b| b.fit.evidence.total_cmp(&a.fit.evidence));
-        let mut owners = std::mem::take(&mut self.owners);
-        let mut found = self.explain(&view, fits, &mut owners);
-        self.owners = owners;
         self.fit_again(&view, &mut found);
         // Among others a part fits only once those are known: what does not fit then is none.
         let kept: Vec<bool> = found.iter().map(|part| part.fit.cost <= cost_max && self.is_thing(part)).collect();
@@ -250,6 +251,33 @@ impl Detector {
         let mut kept = kept.into_iter();
         found.retain(|_| kept.next() == Some(true));
         Ok(found)
+    }
+
+    /// What fits somewhere in the frame looked at last, each alone, where light comes from these sides.
+    fn fits(&mut self, view: &View, sides: &SideAmounts) -> Vec<Found> {
+        self.disown();
+        let mut guesses = Vec::new();
+        let glance = |seed: Seed| glance_at(view, &self.segmentation, &self.sought[seed.pose], seed);
+        for seed in self.search.seeds(&self.segmentation, &self.sought, sides, glance) {
+            self.guess(view, seed, &mut guesses);
+        }
+        let open = self.open_belief(view);
+        self.distinct(guesses).into_iter().filter_map(|guess| self.fitted(view, guess, &open)).collect()
+    }
+
+    /// The likeliest of these fits, which own what they cover.
+    fn explained(&mut self, view: &View, fits: &mut [Found]) -> Vec<Found> {
+        fits.sort_by(|a, b| b.fit.evidence.total_cmp(&a.fit.evidence));
+        self.disown();
+        let mut owners = std::mem::take(&mut self.owners);
+        let found = self.explain(view, fits, &mut owners);
+        self.owners = owners;
+        found
+    }
+
+    /// Lets nothing belong to any part.
+    fn disown(&mut self) {
+        self.owners.iter_mut().filter(|owner| **owner != NO_PART).for_each(|owner| *owner = 0);
     }
 
     /// What parts have round them, by pose, as far as they count; `found` as they own the frame's pixels.
@@ -309,7 +337,9 @@ impl Detector {
     /// Whether the light in the frame looked at last is known to fall as it did when the part was taught.
     fn light_is_as_taught(&self, view: &View) -> bool {
         let compared = self.light_ratios().zip(self.light_change(view));
-        compared.is_some_and(|((plateau, hub), change)| !health::light_differs(plateau, hub, change))
+        // A far lamp may stand elsewhere, and the bare plateau look as it did.
+        let looks_so = compared.is_some_and(|((plateau, hub), change)| !health::light_differs(plateau, hub, change));
+        looks_so && !self.is_lit_from_a_side
     }
 
     /// How the light in the frame looked at last compares with the one taught: on the plateau, and on the hub's top.

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Point2};
 
 use super::super::surround::{DIRECTIONS, DISTANCES};
 use super::super::template::{
-    Factors, LIGHTS_MAX, LitPicture, Plane, PoseTemplate, SIDES, SLANT_PLANES, texel_place_m,
+    Factors, LIGHTS_MAX, LitPicture, Plane, PoseTemplate, SIDES, SLANT_PLANES, direction_factors, texel_place_m,
 };
 use super::{Lesson, SHOWN_MIN, Seen, TeachError, Texel};
 use feeder_model::camera::single;
@@ -87,7 +87,7 @@ impl Lesson<'_> {
                     row.extend(factors.slant.into_iter().enumerate().map(|(plane, w)| (steps + 1 + plane, w)));
                     row.push((wall_shade, shade));
                     if let Some(lamp_rad) = seen.lamp_rad {
-                        row.extend([(from_side, lamp_rad.cos()), (from_side + 1, lamp_rad.sin())]);
+                        row.extend((from_side..).zip(direction_factors(lamp_rad)));
                     }
                     let expected: f64 = row.iter().map(|(i, w)| w * expected[*i]).sum();
                     Some((row, level - expected))
@@ -145,7 +145,7 @@ impl Lesson<'_> {
             miss_max: 1.0,
             evidence_min: drawn.map_or(0.0, |drawn| drawn.evidence_min),
             lights: drawn.map_or_else(Vec::new, lights),
-            from_side: drawn.map_or_else(|| [nothing(), nothing()], |drawn| drawn.from_side.clone()),
+            from_side: drawn.map_or_else(|| std::array::from_fn(|_| nothing()), |drawn| drawn.from_side.clone()),
             surround: Plane::new(DIRECTIONS, vec![0.0; DIRECTIONS * DISTANCES]),
             surround_scatter: Plane::new(DIRECTIONS, vec![0.0; DIRECTIONS * DISTANCES]),
             texel_m: self.texel_m(),
@@ -167,8 +167,7 @@ impl Lesson<'_> {
         Ok(lit(&template))
     }
 
-    /// What it adds to a pose's picture that low light comes from along its x, and along its y: nothing is known where the walls leave
-    /// too few parts in it.
+    /// What it adds to a pose's picture that low light comes from one side: nothing is known where the walls leave too few parts in it.
     pub(super) fn lit_from_side(&self, pose: usize, views: &[Seen]) -> Result<[Plane; SIDES], TeachError> {
         if views.len() < SHOWN_MIN {
             let side = self.side(&self.spec.poses[pose]);

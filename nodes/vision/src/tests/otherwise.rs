@@ -5,7 +5,7 @@ use crate::align::Fit;
 use crate::candidate::{is_recognised, judge};
 use crate::detector::{Detector, belief_of_light};
 use crate::modes::{Belief, Light, MODES, OTHER_LIGHTS, WHOLE_LIGHTS};
-use crate::template::Aspect;
+use crate::template::{Aspect, direction_factors};
 use feeder_model::geometry::PartMesh;
 use feeder_model::geometry::apart::distance_m;
 
@@ -153,15 +153,15 @@ fn parts_in_steep_light_from_all_sides_are_known() {
     }
 }
 
-/// The lamp taught stands high at 126°; the lesson shows low lamps, none of which stands at this azimuth and height. Without what light
-/// from a side adds hardly a fifth is known.
+/// The lamp taught stands high at 126°; the lesson shows low lamps, none of which stands at this azimuth and height. Parts are nowhere near
+/// as far beside as half a millimetre then, although the bare plateau looks as it did.
 #[test]
 fn parts_under_a_low_lamp_on_another_side_are_known() {
     let low_lamp = |scene: &mut Scene| {
         scene.light = LightModel { azimuth_rad: -0.6, elevation_rad: 0.55, diffuse_ratio: 0.5, ..scene.light };
     };
     let recall = recall(&GROMMET, &MODEL, low_lamp, 0.0);
-    assert!(recall >= 0.4, "{recall}");
+    assert!(recall >= 0.85, "{recall}");
 }
 
 #[test]
@@ -169,7 +169,7 @@ fn light_from_a_side_lights_that_side_of_a_part_however_it_is_turned() {
     let template = &NUT.poses[1];
     for turns in 0..8 {
         let yaw_rad = TAU * f64::from(turns) / 8.0;
-        let [from_x, from_y] = template.lit_from_sides(&Aspect { yaw_rad, slant: Vector2::zeros() });
+        let [from_x, from_y, ..] = template.lit_from_sides(&Aspect { yaw_rad, slant: Vector2::zeros() });
         // Beside the part, on the side from which light comes less the other.
         let lit = |added: &[f32], towards_rad: f64| {
             let side = |turn_rad: f64| {
@@ -184,6 +184,25 @@ fn light_from_a_side_lights_that_side_of_a_part_however_it_is_turned() {
         let (x, y) = (lit(&from_x, 0.0), lit(&from_y, TAU / 4.0));
         assert!(x > 0.1 && y > 0.1, "{yaw_rad} rad: {x} {y}");
         assert!(lit(&from_x, TAU / 2.0) < -0.1, "{yaw_rad} rad");
+    }
+}
+
+/// A turned part in light from some side looks, in its own directions, as one that is not in light from as much less.
+#[test]
+fn light_from_a_side_turns_against_a_part_that_is_turned() {
+    let template = &NUT.poses[1];
+    let looks = |yaw_rad: f64, lamp_rad: f64| {
+        let sides = template.lit_from_sides(&Aspect { yaw_rad, slant: Vector2::zeros() });
+        let factors = direction_factors(lamp_rad);
+        let texels = 0..sides[0].len();
+        let looks =
+            |texel: usize| sides.iter().zip(factors).map(|(side, factor)| f64::from(side[texel]) * factor).sum();
+        texels.map(looks).collect::<Vec<f64>>()
+    };
+    for (yaw_rad, lamp_rad) in [(0.4, 0.0), (2.5, 1.0), (4.0, -1.2)] {
+        let off = |(turned, lit): (&f64, &f64)| (turned - lit).abs();
+        let (turned, lit) = (looks(yaw_rad, lamp_rad), looks(0.0, lamp_rad - yaw_rad));
+        assert!(turned.iter().zip(&lit).map(off).fold(0.0, f64::max) < 1e-4, "{yaw_rad} {lamp_rad}");
     }
 }
 
@@ -257,11 +276,8 @@ fn a_thing_that_may_as_well_lie_a_little_beside_leads_that_by_nothing() {
     };
     let least = feeder_model::camera::single(config.evidence_lead_min);
     assert!(lead(0.0) > 5.0 * least, "{}", lead(0.0));
-    for aside_px in [3.5, 5.5] {
-        assert!(lead(aside_px) < least, "{aside_px}: {}", lead(aside_px));
-    }
+    assert!(lead(3.5) < least, "{}", lead(3.5));
 }
-
 /// A white part lights the floor beside it; few parts in a frame cannot tell that all of them do.
 #[test]
 fn few_parts_are_known_where_the_floor_beside_them_is_brighter_than_taught() {
