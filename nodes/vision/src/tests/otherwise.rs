@@ -5,7 +5,7 @@ use crate::align::Fit;
 use crate::candidate::{is_recognised, judge};
 use crate::detector::{Detector, belief_of_light};
 use crate::modes::{Belief, Light, MODES, OTHER_LIGHTS, WHOLE_LIGHTS};
-use crate::template::{Aspect, direction_factors};
+use crate::template::{Aspect, LitPicture, Plane, direction_factors};
 use feeder_model::geometry::PartMesh;
 use feeder_model::geometry::apart::distance_m;
 
@@ -241,6 +241,48 @@ fn a_part_wholly_in_another_light_looks_as_drawn_in_it() {
     let low = |light: usize| template.in_other_lights(&aspect).nth(light).unwrap().iter().copied().fold(0.0, f32::min);
     // The lower the lamps, the darker the hole and the foot of the part.
     assert!(low(2) < low(0) - 0.1, "{} {}", low(2), low(0));
+}
+
+/// Of so many grommets, how many are recognised by a look in any light; all of them must lie within a tenth of a millimetre of where they do.
+fn seen_in_place(model: &PartModel, light: LightModel) -> (usize, usize) {
+    let scene = Scene { light, ..scene(&GROMMET, 2.0) };
+    let parts = strewn(&GROMMET, None, 30, 3.0 * RADIUS_M, &mut Pcg64Mcg::seed_from_u64(7));
+    let mut renderer = Renderer::new(&scene).unwrap();
+    let image = shoot(&mut renderer, &over_camera(), &parts, &mut Pcg64Mcg::seed_from_u64(11));
+    let mut detector = Detector::new(&scene.camera, &scene.tray, model, Light::Any);
+    let config = SelectorConfig::default();
+    let found = detector.find(&image, &over_camera(), config.contrast_min_levels, f32::MAX).unwrap();
+    let known = found.iter().filter(|part| is_recognised(&detector, part, &config));
+    let in_place = known.map(|part| {
+        let laid = parts.iter().filter(|laid| laid.pose == part.pose);
+        let off_m = laid.map(|laid| (laid.place - part.fit.centre).norm()).fold(f64::INFINITY, f64::min);
+        assert!(off_m < 0.000_1, "{off_m}: {part:?}");
+    });
+    (in_place.count(), parts.len())
+}
+
+/// What was taught under a ring round the lens has neither shadows nor the same edges: parts lie where the frame's own light has them.
+#[test]
+fn a_part_taught_in_another_light_lies_where_it_is_seen() {
+    let mut model = MODEL.clone();
+    for pose in &mut model.poses {
+        let drawn = LitPicture { at_yaws: pose.at_yaws.clone(), slant: pose.slant_planes().map(Plane::clone) };
+        let ring = std::mem::replace(&mut pose.lights[0], drawn);
+        pose.at_yaws = ring.at_yaws;
+        [pose.slant_x, pose.slant_y, pose.slant_xx, pose.slant_xy, pose.slant_yy] = ring.slant;
+    }
+    // Light falls otherwise across the plateau, too.
+    model.plateau_light[1] += 5.0;
+    let (known, of) = seen_in_place(&model, LightModel::default());
+    assert!(known + 2 >= of, "{known} of {of}");
+}
+
+/// A far lamp that stands elsewhere leaves the bare plateau as it was: parts alone tell of it.
+#[test]
+fn tall_parts_under_a_far_lamp_on_another_side_lie_where_they_are_seen() {
+    let light = LightModel { azimuth_rad: -0.6, elevation_rad: 0.55, diffuse_ratio: 0.5, ..LightModel::default() };
+    let (known, of) = seen_in_place(&MODEL, light);
+    assert!(known + 3 >= of, "{known} of {of}");
 }
 
 #[test]
