@@ -38,8 +38,7 @@ impl Detector {
     fn beliefs(&self, view: &View, found: &[Found]) -> Vec<Belief> {
         let open = self.open_belief(view);
         // The same light falls on all poses.
-        let lights =
-            shared_light((0..self.sought.len()).flat_map(|pose| alike(found, pose)).map(|(_, part)| &part.fit));
+        let lights = shared_light(self.telling(found));
         let belief = |pose: usize| {
             let sought = &self.sought[pose];
             let alike = alike(found, pose);
@@ -90,12 +89,16 @@ impl Detector {
 
     /// From where the parts of a frame tell that light comes, if it comes from one side more than when they were taught.
     pub(super) fn light_from_a_side(&self, found: &[Found]) -> Option<SideAmounts> {
-        let told: Vec<&Fit> =
-            (0..self.sought.len()).flat_map(|pose| alike(found, pose)).map(|(_, part)| &part.fit).collect();
-        let sides = modes::of_sides(&shared_light(told.iter().copied()));
+        let sides = modes::of_sides(&shared_light(self.telling(found)));
         let square: f32 = sides.iter().map(|amount| amount * amount).sum();
-        let is_from_a_side = told.len() >= FROM_A_SIDE_COUNT_MIN && square >= FROM_A_SIDE_MIN * FROM_A_SIDE_MIN;
+        let told = self.telling(found).count() >= FROM_A_SIDE_COUNT_MIN;
+        let is_from_a_side = told && square >= FROM_A_SIDE_MIN * FROM_A_SIDE_MIN;
         (self.light == Light::Any && is_from_a_side).then_some(sides)
+    }
+
+    /// The fits that tell what the light of a frame is, of all poses.
+    fn telling<'a>(&self, found: &'a [Found]) -> impl Iterator<Item = &'a Fit> {
+        (0..self.sought.len()).flat_map(|pose| alike(found, pose)).map(|(_, part)| &part.fit)
     }
 
     /// Fits parts again from where they were found, by what they have in common: without what belongs to neighbours, and what
@@ -242,6 +245,7 @@ mod tests {
     use nalgebra::Isometry2;
 
     use super::*;
+    use crate::template::SIDES;
     use crate::tests::recognition::IN_ANY_LIGHT;
 
     /// A part that fits with this evidence, and what light has made of it.
@@ -266,7 +270,7 @@ mod tests {
 
     #[test]
     fn light_comes_from_a_side_where_what_two_parts_share_tells_so() {
-        let first = modes::OTHER_LIGHTS.end - 4;
+        let first = modes::OTHER_LIGHTS.end - SIDES;
         let lit = |amount: f32, cost: f32| {
             found(900.0, |fit| {
                 (fit.amounts[first], fit.amounts[first + 3]) = (amount, amount);

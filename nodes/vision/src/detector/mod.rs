@@ -225,9 +225,9 @@ impl Detector {
         let mut fits = self.fits(&view, &[0.0; SIDES]);
         let mut found = self.explained(&view, &mut fits);
         // Rings tell nothing of a side from which light comes: where parts found do, others are looked for in that light.
-        let sides = self.light_from_a_side(&found);
-        self.is_lit_from_a_side = sides.is_some();
-        if let Some(sides) = sides {
+        if let Some(sides) = self.light_from_a_side(&found) {
+            self.is_lit_from_a_side = true;
+            self.owners.iter_mut().filter(|owner| **owner != NO_PART).for_each(|owner| *owner = 0);
             fits.extend(self.fits(&view, &sides));
             found = self.explained(&view, &mut fits);
         }
@@ -255,7 +255,6 @@ impl Detector {
 
     /// What fits somewhere in the frame looked at last, each alone, where light comes from these sides.
     fn fits(&mut self, view: &View, sides: &SideAmounts) -> Vec<Found> {
-        self.disown();
         let mut guesses = Vec::new();
         let glance = |seed: Seed| glance_at(view, &self.segmentation, &self.sought[seed.pose], seed);
         for seed in self.search.seeds(&self.segmentation, &self.sought, sides, glance) {
@@ -268,16 +267,10 @@ impl Detector {
     /// The likeliest of these fits, which own what they cover.
     fn explained(&mut self, view: &View, fits: &mut [Found]) -> Vec<Found> {
         fits.sort_by(|a, b| b.fit.evidence.total_cmp(&a.fit.evidence));
-        self.disown();
         let mut owners = std::mem::take(&mut self.owners);
         let found = self.explain(view, fits, &mut owners);
         self.owners = owners;
         found
-    }
-
-    /// Lets nothing belong to any part.
-    fn disown(&mut self) {
-        self.owners.iter_mut().filter(|owner| **owner != NO_PART).for_each(|owner| *owner = 0);
     }
 
     /// What parts have round them, by pose, as far as they count; `found` as they own the frame's pixels.

@@ -320,6 +320,7 @@ fn a_thing_that_may_as_well_lie_a_little_beside_leads_that_by_nothing() {
     assert!(lead(0.0) > 5.0 * least, "{}", lead(0.0));
     assert!(lead(3.5) < least, "{}", lead(3.5));
 }
+
 /// A white part lights the floor beside it; few parts in a frame cannot tell that all of them do.
 #[test]
 fn few_parts_are_known_where_the_floor_beside_them_is_brighter_than_taught() {
