@@ -1,13 +1,16 @@
 //! Lays a template over a frame, to a fraction of a pixel.
 
+mod lead;
+
 use nalgebra::{Point2, Rotation2, SMatrix, SVector, Vector2};
 
 use super::modes::{self, Amounts, Belief, Light, LightAmounts, MODES, added};
 use super::segment::{RELATIVE_UNITS, Segmentation};
 use super::sought::{BARE_BRIGHT_SIGMA, BARE_DARK_SIGMA, BARE_PLAIN_SIGMA, CoarsePoint, Sought, Turn, gradient};
-use super::template::{Aspect, period_rad};
+use super::template::Aspect;
 use super::view::View;
 use feeder_model::camera::single;
+pub(super) use lead::{Laid, lead_due, yaw_lead_share};
 
 /// A texel that misses by more standard deviations counts no more than this many, and one beside the part that is darker
 /// than expected no more than that many: a shadow may lie there.
@@ -22,8 +25,6 @@ const STALLED_RATIO: f32 = 0.97;
 /// How far the fit may lead from where it began, px, and by what share of a turn.
 const DRIFT_PX_MAX: f64 = 3.0;
 const DRIFT_RAD_MAX: f64 = 0.4;
-/// A part whose picture changes by less than this mean square when it is turned, in standard deviations, looks round.
-const TURNED_MIN: f32 = 0.1;
 /// Share of the template that must be seen.
 const SEEN_MIN: f32 = 0.6;
 /// Share of the normal matrix's diagonal added to it, so that what nothing tells about stays as it is.
@@ -360,53 +361,6 @@ fn laid<const UNKNOWNS: usize>(
         }
     }
     Some(fit)
-}
-
-/// How much worse a part fits at another yaw, as a share of what the template says it must: about 1 for the part at its own
-/// yaw, and 0 for something that looks the same at both, or lies between them. `None` where the template does not tell.
-///
-/// `other` is what was fitted there; nothing but the yaw of it counts if it is to be looked at as it is.
-pub(super) fn yaw_lead_share(
-    frame: &Segmentation,
-    view: &View,
-    sought: &Sought,
-    (fit, other): (&Fit, &Fit),
-    owners: &Owners,
-    belief: &Belief,
-) -> Option<f32> {
-    let period_rad = period_rad(sought.template.yaw_symmetry);
-    if period_rad <= 0.0 {
-        return None;
-    }
-    let noise = frame.sigma * frame.sigma;
-    // Both as they would be seen in the same place and light.
-    let picture = |yaw_rad: f64| sought.fitted(&sought.aspect(view, &Fit { yaw_rad, ..*fit }), &fit.amounts);
-    let (here, there) = (picture(fit.yaw_rad), picture(other.yaw_rad));
-    let level = |picture: &[f32], index: usize| picture[index] + belief.added.get(index).copied().unwrap_or(0.0);
-    let turn = Rotation2::new(fit.yaw_rad - other.yaw_rad);
-    let expected = |beside_m: Vector2<f64>| {
-        let (mut sum, mut count) = (0.0, 0.0_f32);
-        for index in &sought.texels {
-            let Some(turned) = sought.texel(turn * sought.template.place_m(*index) + beside_m) else { continue };
-            let difference = level(&here, *index) - level(&there, turned);
-            let square = difference * difference / (sought.variance(*index, owners.beside_sigma) + noise);
-            sum += square.min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
-            count += 1.0;
-        }
-        sum / count.max(1.0)
-    };
-    let in_place = expected(Vector2::zeros());
-    if in_place < TURNED_MIN {
-        return None;
-    }
-    // One whose centre of mass is not that of its picture looks the same turned and a little beside.
-    let aside_m = fit.centre - other.centre;
-    let least = if aside_m == Vector2::zeros() {
-        in_place
-    } else {
-        in_place.min(expected(Rotation2::new(-other.yaw_rad) * aside_m)).max(TURNED_MIN)
-    };
-    Some((other.cost - fit.cost) / least)
 }
 
 /// By how much each texel that is compared is brighter than the template says after a fit; `None` where it is not seen.

@@ -28,9 +28,14 @@ const DARKER_MAX: f32 = 0.4;
 /// alone from the part taught, as where it gleams or is of a lighter batch. Foreign things alone were kept out by other evidence.
 const UNLIKE_MAX: f32 = 1.8;
 const UNLIKE_ALONE_MAX: f32 = 3.8;
-/// Share of the others' lead over other explanations that a part must have to be one of them. Seen of parts 0.8 and more, and of washers
-/// that gleam under a dome 0.63.
-const LEAD_RATIO_MIN: f32 = 0.65;
+/// Share of the lead over another pose that a part must have of what its templates say. Seen of parts 0.66 and more in the path-traced
+/// pictures, and of coins with another figure, which lie between heads and tails, 0.5 at most.
+const LEAD_SHARE_MIN: f32 = 0.55;
+/// What seems to be seen in another light than its like in the frame by more than this, in spreads from part to part, is none of them;
+/// what another pose explains nearly as well lies between two poses already, and may differ less. Seen of parts 3.1 and 1.9, but of
+/// nuts of metal 5; of brackets' and caps' blanks 5 to 8, and of washers among grommets 2.8.
+const UNLIKE_IN_LIGHT_MAX: f32 = 4.5;
+const UNLIKE_IN_LIGHT_OF_TWO_POSES_MAX: f32 = 2.4;
 /// Mean square miss of the template alone from which it does not hold, whatever the parts of the frame have in common: seen of parts
 /// up to 1.7, in lights far from the one taught.
 const ALONE_COST_MAX: f32 = 1.8;
@@ -41,6 +46,9 @@ const ALONE_COST_MAX: f32 = 1.8;
 const ALIKE_COUNT_MIN: usize = 2;
 const ALIKE_POSES_RATIO_MIN: f64 = 0.2;
 const ALIKE_YAWS_RATIO_MIN: f64 = 0.5;
+/// Where the templates say that the right pose must lead by more than this, the light tells them apart: what leads by next to nothing all
+/// the same is neither. Seen of caps that were taken for others up to 0.3.
+const ALIKE_LEAD_DUE_MAX: f32 = 0.45;
 /// So many parts tell that parts look as taught: one alone may by chance.
 const COMPANY_MIN: usize = 2;
 /// A part must fit worse at another yaw by this share of what its template says: half way between 0 for what looks the same at
@@ -264,7 +272,9 @@ pub(super) fn looks_alike(detector: &Detector, config: &SelectorConfig, found: &
     let is_alike = |pose: usize| {
         let is = |part: &&Found| part.pose == pose;
         let may_be = |part: &&Found| is(part) || part.rival.is_some_and(|(rival, _)| rival == pose);
-        let poses = found.iter().filter(may_be).map(|part| part.first_lead < lead_min);
+        let untold =
+            |part: &Found| part.first_lead < lead_min && part.lead_due.is_none_or(|due| due < ALIKE_LEAD_DUE_MAX);
+        let poses = found.iter().filter(may_be).map(untold);
         let yaws = found.iter().filter(is).map(|part| !yaw_shows(part));
         many(poses, ALIKE_POSES_RATIO_MIN) || many(yaws, ALIKE_YAWS_RATIO_MIN)
     };
@@ -293,14 +303,18 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
         return part.lead >= single(config.evidence_lead_min);
     }
     let lead_min = single(config.evidence_lead_min);
-    let led_in_frame = part.lead_ratio.map_or(part.lead >= lead_min, |ratio| ratio >= LEAD_RATIO_MIN);
-    let led = part.first_lead >= lead_min && led_in_frame && part.beside_lead >= lead_min;
+    let leads = [part.first_lead, part.lead, part.beside_lead];
+    let led =
+        leads.iter().all(|lead| *lead >= lead_min) && part.lead_due.is_none_or(|due| part.lead >= LEAD_SHARE_MIN * due);
     let amounts = &part.fit.amounts;
     let (unlike_max, size_off_max) = match part.evidence_ratio {
         Some(_) => (UNLIKE_MAX, SIZE_OFF_IN_COMPANY_MAX),
         None => (UNLIKE_ALONE_MAX, SIZE_OFF_MAX),
     };
-    let like = part.unlike <= unlike_max && size_off(amounts) <= size_off_max && darker(amounts) <= DARKER_MAX;
+    let unlike_in_light_max =
+        if part.lead_due.is_some() { UNLIKE_IN_LIGHT_OF_TWO_POSES_MAX } else { UNLIKE_IN_LIGHT_MAX };
+    let lit = part.unlike_in_light <= unlike_in_light_max;
+    let like = part.unlike <= unlike_max && size_off(amounts) <= size_off_max && darker(amounts) <= DARKER_MAX && lit;
     let (miss, evidence) = (part.fit.cost, part.evidence_per_texel);
     let correlates = miss <= UNEXPLAINED_RATIO_MAX * (miss + 2.0 * evidence);
     let as_others = part.evidence_ratio.is_none_or(|ratio| ratio >= AS_OTHERS_RATIO);
@@ -314,7 +328,7 @@ fn confidence(detector: &Detector, part: &Found, config: &SelectorConfig) -> f64
     let lead_min = single(config.evidence_lead_min);
     let miss_max = detector.sought[part.pose].miss_max();
     let matched = (miss_max - part.fit.cost) / (0.5 * miss_max);
-    let led = if part.lead_ratio.is_some() { 1.0 } else { (part.lead - lead_min) / lead_min };
+    let led = if part.evidence_ratio.is_some() { 1.0 } else { (part.lead - lead_min) / lead_min };
     f64::from(0.5 + 0.5 * matched.min(led).clamp(0.0, 1.0))
 }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Rotation2, Vector2};
 
-use super::super::align::{Fineness, Fit, Owners, refine, residuals, yaw_lead_share};
+use super::super::align::{Fineness, Fit, Laid, Owners, lead_due, refine, residuals, yaw_lead_share};
 use super::super::modes::{self, Amounts, Belief, Light, MODES, SideAmounts};
 use super::super::sought::{FREE_SIGMA, SHADE_SIGMA};
 use super::super::template::period_rad;
@@ -17,8 +17,6 @@ const ALIKE_COST_MAX: f32 = 3.0;
 const ALIKE_EVIDENCE_RATIO: f32 = 0.5;
 pub(in super::super) const ALIKE_MIN: usize = 4;
 const ADAPTED_MIN: usize = 6;
-/// A rival explanation that is led by less than this, per texel, is as good.
-const LEAD_MIN: f32 = 0.05;
 /// A part is looked for so far beside where it was found, px, and is another if it stays farther than that from there.
 const BESIDE_PX: f64 = 3.0;
 const SAME_PLACE_PX: f64 = 1.0;
@@ -135,8 +133,12 @@ impl Detector {
                 if let Some((pose, rival)) = part.rival {
                     let (other, belief) = (&self.sought[pose], &beliefs[pose]);
                     let rival = refine(&self.segmentation, view, other, rival, &owners, belief, Fineness::Full);
-                    let led = |rival: Fit| sought.per_texel(fit.evidence - rival.evidence);
-                    part.lead = rival.map_or(part.first_lead, led);
+                    if let Some(rival) = rival {
+                        part.lead = sought.per_texel(fit.evidence - rival.evidence);
+                        let laid = Laid { sought, fit: &fit, belief: &beliefs[part.pose] };
+                        let rival = Laid { sought: other, fit: &rival, belief };
+                        part.lead_due = Some(lead_due(&self.segmentation, view, &laid, &rival, beside_sigma));
+                    }
                 }
                 part.beside_lead = self.lead_beside(view, part.pose, &fit, &owners, belief);
                 part.evidence_ratio = (belief.evidence > 0.0).then(|| fit.evidence / belief.evidence);
@@ -147,18 +149,8 @@ impl Detector {
                 part.fit.evidence = f32::NEG_INFINITY;
             }
         }
-        for pose in 0..self.sought.len() {
-            let counts = |part: &Found| {
-                part.pose == pose && part.evidence_ratio.is_some() && part.fit.cost <= 1.0 && part.lead.is_finite()
-            };
-            let mut leads: Vec<f32> = found.iter().filter(|part| counts(part)).map(|part| part.lead).collect();
-            if leads.len() < ALIKE_MIN {
-                continue;
-            }
-            let usual = median(&mut leads).max(LEAD_MIN);
-            for part in found.iter_mut().filter(|part| part.pose == pose) {
-                part.lead_ratio = Some(part.lead / usual);
-            }
+        if self.light == Light::Any {
+            compare_lights(found, self.sought.len());
         }
     }
 
@@ -211,6 +203,22 @@ fn shared_light<'a>(fits: impl Iterator<Item = &'a Fit>) -> Amounts {
         lights[mode] = median(&mut fits.iter().map(|fit| fit.amounts[mode]).collect::<Vec<f32>>());
     }
     lights
+}
+
+/// Tells how unlike the others of its pose each part is in the light that it seems to be seen in. (Poses differ in that: what their drawings
+/// leave out is put down to light.)
+fn compare_lights(found: &mut [Found], poses: usize) {
+    for pose in 0..poses {
+        let alike = alike(found, pose);
+        if alike.len() < ALIKE_MIN {
+            continue;
+        }
+        let lights = shared_light(alike.iter().map(|(_, part)| &part.fit));
+        for part in found.iter_mut().filter(|part| part.pose == pose) {
+            let unlike = |mode: usize| ((part.fit.amounts[mode] - lights[mode]) / PART_SPREADS[mode]).abs();
+            part.unlike_in_light = modes::WHOLE_LIGHTS.map(unlike).fold(0.0, f32::max);
+        }
+    }
 }
 
 /// The parts in a pose that tell what the light of a frame is, with where they stand among all. Beside parts the floor may pass for dim
@@ -281,5 +289,24 @@ mod tests {
         assert_eq!(told, Some([0.5, 0.0, 0.0, 0.5]));
         assert_eq!(IN_ANY_LIGHT.light_from_a_side(&[lit(0.3, 0.1), lit(0.3, 0.1)]), None, "no more than chance");
         assert_eq!(IN_ANY_LIGHT.light_from_a_side(&[lit(0.5, 0.1), lit(0.5, 4.0)]), None, "one that fits");
+    }
+
+    #[test]
+    fn how_unlike_its_like_in_light_a_part_is_is_told_by_pose_where_enough_lie_to_tell() {
+        let lit = |pose: usize, amount: f32| Found {
+            pose,
+            ..found(900.0, |fit| fit.amounts[modes::WHOLE_LIGHTS.start + 1] = amount)
+        };
+        // Poses differ by more than one of a pose may; those of low light from a side tell nothing.
+        let mut things = [[lit(0, 0.5); 4], [lit(1, 1.5); 4]].concat();
+        things.push(lit(0, 0.25));
+        things[0].fit.amounts[modes::OTHER_LIGHTS.end - 1] = 2.0;
+        compare_lights(&mut things, 2);
+        let unlike: Vec<f32> = things.iter().map(|part| part.unlike_in_light).collect();
+        assert_eq!(unlike[..8], [0.0; 8]);
+        assert!((unlike[8] - 2.5).abs() < 1e-5, "{unlike:?}");
+        let mut few = [lit(0, 0.5), lit(0, 0.5), lit(0, 2.0)];
+        compare_lights(&mut few, 1);
+        assert!(few.iter().all(|part| part.unlike_in_light < 1e-6));
     }
 }

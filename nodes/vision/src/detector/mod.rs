@@ -39,8 +39,10 @@ pub(super) struct Found {
     pub fit: Fit,
     /// By how much, per texel, the evidence is stronger than that for another pose in the same place.
     pub lead: f32,
-    /// By how many times what parts of a frame differ by it looks unlike the others in light.
+    /// By how many times what parts of a frame differ by it looks unlike the others, as a surface or in size does.
     pub unlike: f32,
+    /// The same of the light that it seems to be seen in.
+    pub unlike_in_light: f32,
     /// Evidence relative to that of the middle one of the others, where enough of the pose lie in the frame to tell of each other.
     pub evidence_ratio: Option<f32>,
     /// As [`yaw_lead_share`](super::align::yaw_lead_share) tells of it turned by half a period of its symmetry.
@@ -56,8 +58,8 @@ pub(super) struct Found {
     pub first_cost: f32,
     /// The lead then.
     pub first_lead: f32,
-    /// The lead relative to that of the middle one of the others; `None` if too few have a rival too.
-    pub lead_ratio: Option<f32>,
+    /// What the templates say that the lead over the rival must be; `None` without a rival that still fits once the light is known.
+    pub lead_due: Option<f32>,
     /// Evidence for each texel.
     pub evidence_per_texel: f32,
     /// Pixels that it covers.
@@ -72,6 +74,7 @@ impl Found {
             fit,
             lead: f32::INFINITY,
             unlike: 0.0,
+            unlike_in_light: 0.0,
             evidence_ratio: None,
             turned: None,
             yaw_lead: None,
@@ -80,7 +83,7 @@ impl Found {
             rival: None,
             first_cost: fit.cost,
             first_lead: f32::INFINITY,
-            lead_ratio: None,
+            lead_due: None,
             evidence_per_texel: 0.0,
             px: 0,
         }

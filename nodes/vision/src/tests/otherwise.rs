@@ -1,7 +1,7 @@
 //! Parts, lamps and lenses that differ a little from those taught.
 
 use super::*;
-use crate::align::Fit;
+use crate::align::{Fit, Laid, lead_due};
 use crate::candidate::{is_recognised, judge};
 use crate::detector::{Detector, belief_of_light};
 use crate::modes::{Belief, Light, MODES, OTHER_LIGHTS, WHOLE_LIGHTS};
@@ -319,6 +319,26 @@ fn a_thing_that_may_as_well_lie_a_little_beside_leads_that_by_nothing() {
     let least = feeder_model::camera::single(config.evidence_lead_min);
     assert!(lead(0.0) > 5.0 * least, "{}", lead(0.0));
     assert!(lead(3.5) < least, "{}", lead(3.5));
+}
+
+/// Coins that show tails look somewhat like heads in another light.
+#[test]
+fn a_part_leads_another_pose_by_what_the_templates_say() {
+    let coin = catalogue("coin");
+    let scene = scene(&coin, 2.0);
+    let config = SelectorConfig::default();
+    let mut detector = Detector::new(&scene.camera, &scene.tray, &COIN, Light::Any);
+    let mut random = Pcg64Mcg::seed_from_u64(3);
+    let coins = strewn(&coin, Some(1), 12, 3.0 * coin.outline_radius_m(), &mut random);
+    let image = shoot(&mut Renderer::new(&scene).unwrap(), &over_camera(), &coins, &mut random);
+    let found = detector.find(&image, &over_camera(), config.contrast_min_levels, f32::MAX).unwrap();
+    let shares: Vec<f32> = found.iter().filter_map(|part| Some(part.lead / part.lead_due?)).collect();
+    assert!(shares.len() >= 6 && shares.iter().all(|share| (0.7..1.5).contains(share)), "{shares:?}");
+    // It leads itself by nothing.
+    let (view, belief) = (detector.view(&over_camera()), Belief::open());
+    let laid = || Laid { sought: &detector.sought[1], fit: &found[0].fit, belief: &belief };
+    let lead = lead_due(&detector.segmentation, &view, &laid(), &laid(), 0.1);
+    assert!(lead.abs() < 1e-4, "{lead}");
 }
 
 /// A white part lights the floor beside it; few parts in a frame cannot tell that all of them do.

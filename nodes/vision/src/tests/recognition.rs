@@ -80,9 +80,10 @@ fn what_is_seen_much_darker_than_the_part_is_none_and_what_looked_as_much_like_a
     assert!(first(more) && !first(less), "before the light was known");
     let beside = |lead: f32| recognised(|part| part.beside_lead = lead);
     assert!(beside(more) && !beside(less), "a little beside");
-    let among = |ratio: Option<f32>, lead: f32| recognised(|part| (part.lead_ratio, part.lead) = (ratio, lead));
-    assert!(among(None, more) && !among(None, less), "none to compare it with");
-    assert!(among(Some(0.66), less) && !among(Some(0.64), more), "two thirds of what others of the frame lead by");
+    let led = |due: Option<f32>, lead: f32| recognised(|part| (part.lead_due, part.lead) = (due, lead));
+    assert!(led(None, more) && !led(None, less), "by no other pose that comes near");
+    assert!(led(Some(2.0), 1.12) && !led(Some(2.0), 1.08), "half of what the templates say");
+    assert!(led(Some(0.1), more) && !led(Some(0.1), less), "they say little");
 }
 
 #[test]
@@ -117,7 +118,7 @@ fn a_pose_is_surer_the_better_it_fits_and_alone_the_more_it_leads() {
     let sure = |change: &dyn Fn(&mut Found)| judged(&IN_ANY_LIGHT, &[grommet_but(change)]).candidates[0].confidence;
     let fits = |share: f32| sure(&|part| part.fit.cost = share * miss_max);
     let leads = |times: f32| sure(&|part| part.lead = times * lead_min);
-    let among = |ratio: f32| sure(&|part| part.lead_ratio = Some(ratio));
+    let among = |times: f32| sure(&|part| (part.evidence_ratio, part.lead) = (Some(1.0), times * lead_min));
     for (confidence, wanted) in [
         (fits(0.4), 1.0),
         (fits(0.75), 0.75),
@@ -127,8 +128,8 @@ fn a_pose_is_surer_the_better_it_fits_and_alone_the_more_it_leads() {
         (leads(1.5), 0.75),
         (leads(1.0), 0.5),
         (leads(0.99), 0.0),
-        (among(0.66), 1.0),
-        (among(0.64), 0.0),
+        (among(1.01), 1.0),
+        (among(0.99), 0.0),
     ] {
         assert!((confidence - wanted).abs() < 0.01, "{confidence} {wanted}");
     }
@@ -142,6 +143,16 @@ fn a_part_alone_may_be_seen_further_from_taught_than_one_among_its_like_from_the
     };
     assert!(recognised(Some(1.0), 1.75) && !recognised(Some(1.0), 1.85));
     assert!(recognised(None, 3.7) && !recognised(None, 3.9));
+}
+
+/// A blank without the part's figure may look as the part would in a light that is not the frame's.
+#[test]
+fn what_seems_to_lie_in_another_light_than_its_like_is_none_of_them_and_the_less_the_nearer_it_comes_to_another_pose() {
+    let lit = |lead_due: Option<f32>, unlike: f32| {
+        recognised(|part| (part.lead_due, part.unlike_in_light) = (lead_due, unlike))
+    };
+    assert!(lit(None, 4.4) && !lit(None, 4.6));
+    assert!(lit(Some(1.0), 2.3) && !lit(Some(1.0), 2.5), "another pose comes near");
 }
 
 /// Of things that may lie in either of two poses, so many were led by next to nothing, and so many lie as well the other way round.
@@ -168,6 +179,23 @@ fn where_light_leaves_two_poses_or_yaws_looking_alike_for_some_none_is_sure_of_t
         [false, false],
         "in the light taught each part tells for itself"
     );
+}
+
+/// Foreign things lie between poses that the light tells apart well: they say nothing of that.
+#[test]
+fn what_leads_by_far_less_than_its_templates_say_does_not_tell_that_poses_look_alike() {
+    let alike = |due: f32| {
+        let thing = |index: usize| Found {
+            first_lead: if index < 5 { 0.1 } else { 2.0 },
+            rival: Some((1, FIT)),
+            lead_due: Some(if index < 5 { due } else { 2.0 }),
+            ..Found::new(0, FIT)
+        };
+        let found: Vec<Found> = (0..10).map(thing).collect();
+        looks_alike(&IN_ANY_LIGHT, &SelectorConfig::default(), &found)
+    };
+    assert_eq!(alike(0.44), [true, true]);
+    assert_eq!(alike(0.46), [false, false]);
 }
 
 #[test]

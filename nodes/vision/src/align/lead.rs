@@ -1,0 +1,107 @@
+//! By how much templates say that what is seen must lead another explanation of it.
+
+use nalgebra::{Rotation2, Vector2};
+
+use super::super::modes::Belief;
+use super::super::segment::Segmentation;
+use super::super::sought::Sought;
+use super::super::template::period_rad;
+use super::super::view::View;
+use super::{Bare, Fit, MISS_SIGMAS_MAX, Owners, SHADOW_SIGMAS_MAX};
+
+/// A part whose picture changes by less than this mean square when it is turned, in standard deviations, looks round.
+const TURNED_MIN: f32 = 0.1;
+
+/// How much worse a part fits at another yaw, as a share of what the template says it must: about 1 for the part at its own
+/// yaw, and 0 for something that looks the same at both, or lies between them. `None` where the template does not tell.
+///
+/// `other` is what was fitted there; nothing but the yaw of it counts if it is to be looked at as it is.
+pub(in super::super) fn yaw_lead_share(
+    frame: &Segmentation,
+    view: &View,
+    sought: &Sought,
+    (fit, other): (&Fit, &Fit),
+    owners: &Owners,
+    belief: &Belief,
+) -> Option<f32> {
+    let period_rad = period_rad(sought.template.yaw_symmetry);
+    if period_rad <= 0.0 {
+        return None;
+    }
+    let noise = frame.sigma * frame.sigma;
+    // Both as they would be seen in the same place and light.
+    let picture = |yaw_rad: f64| sought.fitted(&sought.aspect(view, &Fit { yaw_rad, ..*fit }), &fit.amounts);
+    let (here, there) = (picture(fit.yaw_rad), picture(other.yaw_rad));
+    let level = |picture: &[f32], index: usize| picture[index] + belief.added.get(index).copied().unwrap_or(0.0);
+    let turn = Rotation2::new(fit.yaw_rad - other.yaw_rad);
+    let expected = |beside_m: Vector2<f64>| {
+        let (mut sum, mut count) = (0.0, 0.0_f32);
+        for index in &sought.texels {
+            let Some(turned) = sought.texel(turn * sought.template.place_m(*index) + beside_m) else { continue };
+            let difference = level(&here, *index) - level(&there, turned);
+            let square = difference * difference / (sought.variance(*index, owners.beside_sigma) + noise);
+            sum += square.min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
+            count += 1.0;
+        }
+        sum / count.max(1.0)
+    };
+    let in_place = expected(Vector2::zeros());
+    if in_place < TURNED_MIN {
+        return None;
+    }
+    // One whose centre of mass is not that of its picture looks the same turned and a little beside.
+    let aside_m = fit.centre - other.centre;
+    let least = if aside_m == Vector2::zeros() {
+        in_place
+    } else {
+        in_place.min(expected(Rotation2::new(-other.yaw_rad) * aside_m)).max(TURNED_MIN)
+    };
+    Some((other.cost - fit.cost) / least)
+}
+
+/// By how much, per texel of `part`, the templates say that its evidence must exceed that of another pose as fitted, where what is
+/// seen is the part.
+pub(in super::super) fn lead_due(
+    frame: &Segmentation,
+    view: &View,
+    part: &Laid,
+    other: &Laid,
+    beside_sigma: f32,
+) -> f32 {
+    let noise = frame.sigma * frame.sigma;
+    let bare = Bare::new(noise);
+    let (here, there) = (part.picture(view), other.picture(view));
+    let into_part = Rotation2::new(other.fit.yaw_rad - part.fit.yaw_rad);
+    let aside_m = Rotation2::new(-part.fit.yaw_rad) * (other.fit.centre - part.fit.centre);
+    // What `laid` makes of a texel where the part's picture is seen, and bare floor beside that.
+    let evidence = |laid: &Laid, picture: &[f32], shown: &dyn Fn(Vector2<f64>) -> f32| {
+        let outdone = |index: &usize| {
+            let level = shown(laid.sought.template.place_m(*index));
+            let inverse_sigma = 1.0 / (laid.sought.variance(*index, beside_sigma) + noise).sqrt();
+            let dark_max = if laid.sought.inside[*index] < 0.5 { SHADOW_SIGMAS_MAX } else { MISS_SIGMAS_MAX };
+            let miss = ((level - picture[*index]) * inverse_sigma).clamp(-dark_max, MISS_SIGMAS_MAX);
+            bare.outdone(level, miss, inverse_sigma.ln())
+        };
+        laid.sought.texels.iter().map(outdone).sum::<f32>() * laid.sought.texel_weight
+    };
+    let at = |place_m: Vector2<f64>| part.sought.texel(place_m).map_or(0.0, |index| here[index]);
+    let own = evidence(part, &here, &at);
+    let others = evidence(other, &there, &|place_m| at(into_part * place_m + aside_m));
+    part.sought.per_texel(own - others)
+}
+
+/// A pose laid over a frame, by a belief.
+pub(in super::super) struct Laid<'a> {
+    pub sought: &'a Sought,
+    pub fit: &'a Fit,
+    pub belief: &'a Belief,
+}
+
+impl Laid<'_> {
+    /// Its picture as it is seen there.
+    fn picture(&self, view: &View) -> Vec<f32> {
+        let mut picture = self.sought.fitted(&self.sought.aspect(view, self.fit), &self.fit.amounts);
+        picture.iter_mut().zip(&self.belief.added).for_each(|(level, added)| *level += added);
+        picture
+    }
+}
