@@ -1,5 +1,6 @@
 //! Lays a template over a frame, to a fraction of a pixel.
 
+mod detail;
 mod lead;
 
 use nalgebra::{Point2, Rotation2, SMatrix, SVector, Vector2};
@@ -9,6 +10,7 @@ use super::segment::{RELATIVE_UNITS, Segmentation};
 use super::sought::{BARE_BRIGHT_SIGMA, BARE_DARK_SIGMA, BARE_PLAIN_SIGMA, CoarsePoint, Sought, Turn, gradient};
 use super::template::Aspect;
 use super::view::View;
+pub(super) use detail::detail_seen;
 use feeder_model::camera::single;
 pub(super) use lead::{Laid, lead_due, yaw_lead_share};
 

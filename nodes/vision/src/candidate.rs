@@ -31,6 +31,8 @@ const UNLIKE_ALONE_MAX: f32 = 3.8;
 /// Share of the lead over another pose that a part must have of what its templates say. Seen of parts 0.66 and more in the path-traced
 /// pictures, and of coins with another figure, which lie between heads and tails, 0.5 at most.
 const LEAD_SHARE_MIN: f32 = 0.55;
+/// Share of the template's fine detail that a part must show. Seen of parts 0.63 and more, but for a few, and of blanks up to 0.5.
+const DETAIL_SEEN_MIN: f32 = 0.55;
 /// What seems to be seen in another light than its like in the frame by more than this, in spreads from part to part, is none of them;
 /// what another pose explains nearly as well lies between two poses already, and may differ less. Seen of parts 3.1 and 1.9, but of
 /// nuts of metal 5; of brackets' and caps' blanks 5 to 8, and of washers among grommets 2.8.
@@ -296,7 +298,8 @@ fn yaw_shows(part: &Found) -> bool {
 /// Whether a part looks as taught, in size too, and like nothing else.
 pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &SelectorConfig) -> bool {
     let miss_max = detector.sought[part.pose].miss_max();
-    if part.fit.cost > miss_max || !yaw_shows(part) {
+    let shows_detail = part.detail_seen.is_none_or(|share| share >= DETAIL_SEEN_MIN);
+    if part.fit.cost > miss_max || !yaw_shows(part) || !shows_detail {
         return false;
     }
     if detector.light == Light::Taught {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Rotation2, Vector2};
 
-use super::super::align::{Fineness, Fit, Laid, Owners, lead_due, refine, residuals, yaw_lead_share};
+use super::super::align::{Fineness, Fit, Laid, Owners, detail_seen, lead_due, refine, residuals, yaw_lead_share};
 use super::super::modes::{self, Amounts, Belief, Light, MODES, SideAmounts};
 use super::super::sought::{FREE_SIGMA, SHADE_SIGMA};
 use super::super::template::period_rad;
@@ -127,6 +127,7 @@ impl Detector {
                 part.fit = Fit { cost: told.cost, evidence: told.evidence, ..fit };
                 part.evidence_per_texel = sought.per_texel(part.fit.evidence);
                 self.look_turned(view, part, &fit, &owners, belief);
+                part.detail_seen = detail_seen(&self.segmentation, view, sought, &fit, &owners);
                 if self.light == Light::Taught {
                     continue;
                 }

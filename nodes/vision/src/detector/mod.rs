@@ -60,6 +60,8 @@ pub(super) struct Found {
     pub first_lead: f32,
     /// What the templates say that the lead over the rival must be; `None` without a rival that still fits once the light is known.
     pub lead_due: Option<f32>,
+    /// How much of the template's fine detail is seen; `None` where it has too little to tell.
+    pub detail_seen: Option<f32>,
     /// Evidence for each texel.
     pub evidence_per_texel: f32,
     /// Pixels that it covers.
@@ -84,6 +86,7 @@ impl Found {
             first_cost: fit.cost,
             first_lead: f32::INFINITY,
             lead_due: None,
+            detail_seen: None,
             evidence_per_texel: 0.0,
             px: 0,
         }

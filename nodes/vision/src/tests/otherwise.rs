@@ -1,7 +1,7 @@
 //! Parts, lamps and lenses that differ a little from those taught.
 
 use super::*;
-use crate::align::{Fit, Laid, lead_due};
+use crate::align::{Fit, Laid, Owners, detail_seen, lead_due};
 use crate::candidate::{is_recognised, judge};
 use crate::detector::{Detector, belief_of_light};
 use crate::modes::{Belief, Light, MODES, OTHER_LIGHTS, WHOLE_LIGHTS};
@@ -319,6 +319,38 @@ fn a_thing_that_may_as_well_lie_a_little_beside_leads_that_by_nothing() {
     let least = feeder_model::camera::single(config.evidence_lead_min);
     assert!(lead(0.0) > 5.0 * least, "{}", lead(0.0));
     assert!(lead(3.5) < least, "{}", lead(3.5));
+}
+
+/// A blank has the part's outline.
+#[test]
+fn a_part_shows_all_of_its_detail_and_a_blank_none() {
+    let coin = catalogue("coin");
+    let scene = scene(&coin, 2.0);
+    let mut random = Pcg64Mcg::seed_from_u64(3);
+    let coins = strewn(&coin, Some(0), 8, 3.0 * coin.outline_radius_m(), &mut random);
+    let image = shoot(&mut Renderer::new(&scene).unwrap(), &over_camera(), &coins, &mut random);
+    let reach_m = coin.outline_radius_m() - 0.000_3;
+    let steps = || (-60..=60).map(|step| f64::from(step) / 60.0 * reach_m);
+    let disc = steps().flat_map(|x_m| steps().map(move |y_m| Vector2::new(x_m, y_m)));
+    let disc: Vec<Vector2<f64>> = disc.filter(|aside| aside.norm() <= reach_m).collect();
+    let mut blanks = image.clone();
+    for laid in &coins {
+        paint(&mut blanks, &scene, disc.iter().map(|aside| laid.place + aside), 190);
+    }
+    let contrast_min_levels = SelectorConfig::default().contrast_min_levels;
+    for light in [Light::Taught, Light::Any] {
+        let mut detector = Detector::new(&scene.camera, &scene.tray, &COIN, light);
+        let found = detector.find(&image, &over_camera(), contrast_min_levels, f32::MAX).unwrap();
+        assert!(found.len() >= 6 && found.iter().all(|part| part.detail_seen.unwrap() > 0.9), "{found:?}");
+        detector.look(&blanks, &over_camera(), contrast_min_levels).unwrap();
+        let nobody = vec![0; detector.segmentation.bins.len()];
+        for part in &found {
+            let owners = Owners { of: &nobody, own: 0, beside_sigma: 0.1 };
+            let (view, sought) = (detector.view(&over_camera()), &detector.sought[part.pose]);
+            let seen = detail_seen(&detector.segmentation, &view, sought, &part.fit, &owners).unwrap();
+            assert!(seen.abs() < 0.2, "{light:?}: {seen}");
+        }
+    }
 }
 
 /// Coins that show tails look somewhat like heads in another light.

@@ -104,6 +104,8 @@ fn what_fits_no_better_than_it_may_or_as_well_at_another_yaw_is_not_recognised()
     assert!(missed(0.99) && !missed(1.01));
     let first = |cost: f32| recognised(|part| part.first_cost = cost);
     assert!(first(1.75) && !first(1.85), "before what parts of the frame have in common was known");
+    let shown = |share: f32| recognised(|part| part.detail_seen = Some(share));
+    assert!(shown(0.56) && !shown(0.54), "a blank");
     let turned = |share: f32| recognised(|part| part.turned = Some(share));
     let at_other_yaw = |share: f32| recognised(|part| part.yaw_lead = Some(share));
     for is_known in [turned, at_other_yaw] {

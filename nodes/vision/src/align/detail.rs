@@ -1,0 +1,51 @@
+//! Whether the fine detail of a part is seen: a blank of its outline has the same edges, and misses nothing else by much.
+
+use image::{ImageBuffer, Luma};
+use imageproc::filter::gaussian_blur_f32;
+use nalgebra::{Matrix3, Vector3};
+
+use super::super::segment::Segmentation;
+use super::super::sought::Sought;
+use super::super::view::View;
+use super::{Fit, Owners, residuals};
+use feeder_model::camera::single;
+
+/// Detail is what a blur of this standard deviation takes away, and lies so far within the outline that no blank has it, px.
+const BLUR_PX: f64 = 2.0;
+const WITHIN_PX: f64 = 1.5;
+/// Where noise alone makes the answer uncertain by more than this variance, it is none.
+const VARIANCE_MAX: f32 = 0.05;
+
+/// How much of the template's detail a fit shows: 1 of the part, 0 of a blank. `None` where the template has too little to tell.
+pub(in super::super) fn detail_seen(
+    frame: &Segmentation,
+    view: &View,
+    sought: &Sought,
+    fit: &Fit,
+    owners: &Owners,
+) -> Option<f32> {
+    let noise = frame.sigma * frame.sigma;
+    let picture = sought.fitted(&sought.aspect(view, fit), &fit.amounts);
+    let m_per_texel = sought.template.texel_m;
+    let blurred = blurred(&picture, sought.template.side(), single(BLUR_PX * sought.m_per_px / m_per_texel))?;
+    let outside_max_m = single(-WITHIN_PX * sought.m_per_px);
+    let residuals = residuals(frame, view, sought, fit, owners)?;
+    // Least squares of what is seen more, on brightness as a whole, on what the blur leaves, and on detail.
+    let (mut normal, mut target) = (Matrix3::zeros(), Vector3::zeros());
+    for (index, residual) in sought.texels.iter().zip(residuals) {
+        let Some(residual) = residual.filter(|_| sought.outside_m[*index] <= outside_max_m) else { continue };
+        let parts = Vector3::new(1.0, blurred[*index], picture[*index] - blurred[*index]);
+        let weight = sought.texel_weight / (sought.variance(*index, owners.beside_sigma) + noise);
+        normal += weight * parts * parts.transpose();
+        target += weight * residual * parts;
+    }
+    let inverse = normal.cholesky()?.inverse();
+    (inverse[(2, 2)] <= VARIANCE_MAX).then(|| 1.0 + (inverse * target)[2])
+}
+
+/// A square picture blurred by a Gaussian of this standard deviation, texels.
+fn blurred(picture: &[f32], side: usize, sigma: f32) -> Option<Vec<f32>> {
+    let side = u32::try_from(side).ok()?;
+    let picture: ImageBuffer<Luma<f32>, Vec<f32>> = ImageBuffer::from_raw(side, side, picture.to_vec())?;
+    Some(gaussian_blur_f32(&picture, sigma).into_raw())
+}
