@@ -194,7 +194,8 @@ pub(crate) fn attempt(
         Ok(())
     };
     let outcome = outcome();
-    Ok(Attempt { ended: Ended { summary, progress, outcome }, again })
+    let has_come_up = !matches!(again, Some(Again::NotUp(_)));
+    Ok(Attempt { ended: Ended { summary, progress, outcome, has_come_up }, again })
 }
 
 /// Why the run cannot be started again: at all, or while somebody has been promised a part that is on its way.

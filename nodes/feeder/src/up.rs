@@ -1,6 +1,8 @@
 //! `feeder up`: starts the nodes of a scenario, keeps simulated time, shows progress, and says how it went.
 
+use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -25,6 +27,8 @@ use crate::table::{name_of, placed};
 
 /// How often the nodes are started before the run is given up.
 const STARTS_MAX: u32 = 3;
+/// What a process that is started again is told of how often that was done: a number.
+const STARTS_VARIABLE: &str = "FEEDER_UP_STARTS";
 /// How long to listen for others in the domain before starting, longer on a busy machine. They are told after 300 ms a second
 /// time that somebody is there.
 const BUSY_CHECK: Duration = Duration::from_millis(400);
@@ -102,7 +106,11 @@ pub(crate) fn run(args: &UpArgs) -> anyhow::Result<()> {
 /// Runs a plan to its end.
 pub(crate) fn run_plan(plan: &RunPlan, args: &UpArgs) -> anyhow::Result<()> {
     let stop = stop_on_signals()?;
-    let Ended { summary, progress, outcome } = execute(plan, args, &stop)?;
+    let ended = execute(plan, args, &stop)?;
+    if !ended.has_come_up && args.composed && args.recording.record.is_none() && !stop.load(Ordering::Relaxed) {
+        start_process_again(&ended, std::env::var(STARTS_VARIABLE).ok().as_deref())?;
+    }
+    let Ended { summary, progress, outcome, .. } = ended;
     print!("{summary}");
     if let Some(file) = &args.summary {
         write(file, &summary.to_json()?)?;
@@ -111,6 +119,23 @@ pub(crate) fn run_plan(plan: &RunPlan, args: &UpArgs) -> anyhow::Result<()> {
     let (delivered, goal) = (progress.delivered(), plan.run.goal_delivered.unwrap_or(0));
     anyhow::ensure!(delivered >= goal, "the run ended before its goal: {delivered} of {goal} parts delivered");
     Ok(())
+}
+
+/// Puts this command, begun anew, in the place of this process: threads that have locked up end in no other way. Returns where it was begun
+/// often enough.
+fn start_process_again(ended: &Ended, starts: Option<&str>) -> anyhow::Result<()> {
+    let Some(start) = next_start(starts) else { return Ok(()) };
+    let why = ended.outcome.as_ref().err().map(|error| format!("{error:#}")).unwrap_or_default();
+    tracing::warn!("{why}; the nodes are started again: start {start} of {STARTS_MAX}");
+    let mut again = Command::new(std::env::current_exe().context("cannot start again")?);
+    again.args(std::env::args_os().skip(1)).env(STARTS_VARIABLE, start.to_string());
+    Err(anyhow::Error::new(again.exec()).context("cannot start again"))
+}
+
+/// Which start of a process comes next, if another may.
+fn next_start(starts: Option<&str>) -> Option<u32> {
+    let starts: u32 = starts.and_then(|starts| starts.parse().ok()).unwrap_or(1);
+    (starts < STARTS_MAX).then(|| starts + 1)
 }
 
 /// Refuses before the run what could not be written after it.
@@ -138,6 +163,8 @@ pub struct Ended {
     pub progress: Progress,
     /// Why it did not come to its end.
     pub outcome: anyhow::Result<()>,
+    /// Whether its nodes came up; where they did not, none of them said why.
+    pub has_come_up: bool,
 }
 
 /// Runs a plan as `args` say but for the scenario they name.
@@ -190,7 +217,7 @@ fn again_until_up(
     }
 }
 
-/// Nodes that have locked up as threads cannot be ended, and a bag cannot be begun twice.
+/// Nodes that have locked up as threads end with their process alone, and a bag cannot be begun twice.
 fn can_start_again(args: &UpArgs) -> bool {
     !args.composed && args.recording.record.is_none()
 }
@@ -319,7 +346,8 @@ mod tests {
     fn attempt(again: Option<Again>, outcome: anyhow::Result<()>) -> Attempt {
         let (progress, none) = (Progress::default(), Duration::ZERO);
         let summary = Summary::new(&progress, false, 0, 1, none, none);
-        Attempt { ended: Ended { summary, progress, outcome }, again }
+        let has_come_up = !matches!(again, Some(Again::NotUp(_)));
+        Attempt { ended: Ended { summary, progress, outcome, has_come_up }, again }
     }
 
     fn not_up() -> Attempt {
@@ -364,6 +392,13 @@ mod tests {
         }
         assert_eq!(tried(vec![not_up(), came_up()], false, false), (1, false));
         assert_eq!(tried(vec![not_up(), came_up()], true, true), (1, false));
+    }
+
+    #[test]
+    fn a_process_is_started_three_times_at_most() {
+        assert_eq!([None, Some("2"), Some("3")].map(next_start), [Some(2), Some(3), None]);
+        assert_eq!(next_start(Some("4294967295")), None);
+        assert_eq!(next_start(Some("many")), Some(2));
     }
 
     #[test]

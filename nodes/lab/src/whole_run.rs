@@ -16,7 +16,7 @@ use run_monitor::Progress;
 /// What keeps a run from its end, a signal and an order to the simulation too: its figures would be those of a shorter run, under the
 /// name of the whole.
 pub(crate) fn whole_run(plan: &RunPlan, args: &UpArgs, stop: &Arc<AtomicBool>) -> anyhow::Result<(Summary, Progress)> {
-    let Ended { summary, progress, outcome } = up::execute(plan, args, stop)?;
+    let Ended { summary, progress, outcome, .. } = up::execute(plan, args, stop)?;
     outcome?;
     let (sim_s, duration_s) = (summary.sim_s, plan.run.duration_s);
     let is_goal_reached = plan.run.goal_delivered.is_some_and(|goal| progress.delivered() >= goal);
