@@ -365,16 +365,15 @@ fn laid<const UNKNOWNS: usize>(
     Some(fit)
 }
 
-/// By how much each texel that is compared is brighter than the template says after a fit; `None` where it is not seen.
+/// By how much each texel that is compared is brighter than the picture as fitted; `None` where it is not seen.
 pub(super) fn residuals(
     frame: &Segmentation,
     view: &View,
     sought: &Sought,
-    fit: &Fit,
+    (fit, picture): (&Fit, &[f32]),
     owners: &Owners,
 ) -> Option<Vec<Option<f32>>> {
     let aspect = sought.aspect(view, fit);
-    let picture = sought.fitted(&aspect, &fit.amounts);
     let corner = Vector2::new(frame.window.left as f64, frame.window.top as f64);
     let pixel = view.pixel(fit.centre, sought.plane_m)? - corner;
     let turn = Rotation2::new(aspect.yaw_rad - view.platen_from_tray.rotation.angle());

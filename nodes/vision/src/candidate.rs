@@ -28,8 +28,8 @@ const DARKER_MAX: f32 = 0.4;
 /// alone from the part taught, as where it gleams or is of a lighter batch. Foreign things alone were kept out by other evidence.
 const UNLIKE_MAX: f32 = 1.8;
 const UNLIKE_ALONE_MAX: f32 = 3.8;
-/// Share of the lead over another pose that a part must have of what its templates say. Seen of parts 0.66 and more in the path-traced
-/// pictures, and of coins with another figure, which lie between heads and tails, 0.5 at most.
+/// Share of the lead over another pose that a part must have of what its templates say. Seen of path-traced grommets and coins 0.66 and
+/// more, of caps and brackets mostly so, and of coins with another figure, which lie between heads and tails, 0.5 at most.
 const LEAD_SHARE_MIN: f32 = 0.55;
 /// Share of the template's fine detail that a part must show. Seen of parts 0.63 and more, but for a few, and of blanks up to 0.5.
 const DETAIL_SEEN_MIN: f32 = 0.55;

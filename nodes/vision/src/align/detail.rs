@@ -29,7 +29,7 @@ pub(in super::super) fn detail_seen(
     let m_per_texel = sought.template.texel_m;
     let blurred = blurred(&picture, sought.template.side(), single(BLUR_PX * sought.m_per_px / m_per_texel))?;
     let outside_max_m = single(-WITHIN_PX * sought.m_per_px);
-    let residuals = residuals(frame, view, sought, fit, owners)?;
+    let residuals = residuals(frame, view, sought, (fit, &picture), owners)?;
     // Least squares of what is seen more, on brightness as a whole, on what the blur leaves, and on detail.
     let (mut normal, mut target) = (Matrix3::zeros(), Vector3::zeros());
     for (index, residual) in sought.texels.iter().zip(residuals) {

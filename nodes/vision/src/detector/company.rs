@@ -59,7 +59,8 @@ impl Detector {
                     .filter_map(|(index, part)| {
                         let own = u16::try_from(index + 1).unwrap_or(u16::MAX);
                         let owners = Owners { of: &self.owners, own, beside_sigma: SHADE_SIGMA };
-                        residuals(&self.segmentation, view, sought, &part.fit, &owners)
+                        let picture = sought.fitted(&sought.aspect(view, &part.fit), &part.fit.amounts);
+                        residuals(&self.segmentation, view, sought, (&part.fit, &picture), &owners)
                     })
                     .collect();
                 added.resize(sought.outside_m.len(), 0.0);
