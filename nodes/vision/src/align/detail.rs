@@ -25,6 +25,7 @@ pub(in super::super) fn detail_seen(
     owners: &Owners,
 ) -> Option<f32> {
     let noise = frame.sigma * frame.sigma;
+    // Without what the frame adds: where most are blanks, that is what they lack.
     let picture = sought.fitted(&sought.aspect(view, fit), &fit.amounts);
     let m_per_texel = sought.template.texel_m;
     let blurred = blurred(&picture, sought.template.side(), single(BLUR_PX * sought.m_per_px / m_per_texel))?;

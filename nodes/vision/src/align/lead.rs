@@ -7,7 +7,7 @@ use super::super::segment::Segmentation;
 use super::super::sought::Sought;
 use super::super::template::period_rad;
 use super::super::view::View;
-use super::{Bare, Fit, MISS_SIGMAS_MAX, Owners, SHADOW_SIGMAS_MAX};
+use super::{Bare, Fit, MISS_SIGMAS_MAX, Owners, dark_max};
 
 /// A part whose picture changes by less than this mean square when it is turned, in standard deviations, looks round.
 const TURNED_MIN: f32 = 0.1;
@@ -30,15 +30,14 @@ pub(in super::super) fn yaw_lead_share(
     }
     let noise = frame.sigma * frame.sigma;
     // Both as they would be seen in the same place and light.
-    let picture = |yaw_rad: f64| sought.fitted(&sought.aspect(view, &Fit { yaw_rad, ..*fit }), &fit.amounts);
+    let picture = |yaw_rad: f64| Laid { sought, fit: &Fit { yaw_rad, ..*fit }, belief }.picture(view);
     let (here, there) = (picture(fit.yaw_rad), picture(other.yaw_rad));
-    let level = |picture: &[f32], index: usize| picture[index] + belief.added.get(index).copied().unwrap_or(0.0);
     let turn = Rotation2::new(fit.yaw_rad - other.yaw_rad);
     let expected = |beside_m: Vector2<f64>| {
         let (mut sum, mut count) = (0.0, 0.0_f32);
         for index in &sought.texels {
             let Some(turned) = sought.texel(turn * sought.template.place_m(*index) + beside_m) else { continue };
-            let difference = level(&here, *index) - level(&there, turned);
+            let difference = here[*index] - there[turned];
             let square = difference * difference / (sought.variance(*index, owners.beside_sigma) + noise);
             sum += square.min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
             count += 1.0;
@@ -78,8 +77,8 @@ pub(in super::super) fn lead_due(
         let outdone = |index: &usize| {
             let level = shown(laid.sought.template.place_m(*index));
             let inverse_sigma = 1.0 / (laid.sought.variance(*index, beside_sigma) + noise).sqrt();
-            let dark_max = if laid.sought.inside[*index] < 0.5 { SHADOW_SIGMAS_MAX } else { MISS_SIGMAS_MAX };
-            let miss = ((level - picture[*index]) * inverse_sigma).clamp(-dark_max, MISS_SIGMAS_MAX);
+            let miss = (level - picture[*index]) * inverse_sigma;
+            let miss = miss.clamp(-dark_max(laid.sought, *index), MISS_SIGMAS_MAX);
             bare.outdone(level, miss, inverse_sigma.ln())
         };
         laid.sought.texels.iter().map(outdone).sum::<f32>() * laid.sought.texel_weight

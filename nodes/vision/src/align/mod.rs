@@ -390,6 +390,11 @@ pub(super) fn residuals(
     Some(sought.texels.iter().map(residual).collect())
 }
 
+/// By how many standard deviations a texel may miss by being too dark, as far as that counts.
+fn dark_max(sought: &Sought, index: usize) -> f32 {
+    if sought.inside[index] < 0.5 { SHADOW_SIGMAS_MAX } else { MISS_SIGMAS_MAX }
+}
+
 /// The template's texels under an aspect, as the fit uses them.
 fn probes<const UNKNOWNS: usize>(
     sought: &Sought,
@@ -428,7 +433,7 @@ fn probes<const UNKNOWNS: usize>(
             wall_shade: sought.template.wall_shade.values()[index],
             inverse_sigma,
             log_inverse_sigma: inverse_sigma.ln(),
-            dark_max: if sought.inside[index] < 0.5 { SHADOW_SIGMAS_MAX } else { MISS_SIGMAS_MAX },
+            dark_max: dark_max(sought, index),
             effect,
             slope,
         }
