@@ -75,6 +75,20 @@ fn a_node_that_never_comes_up_is_named() {
     assert!(!node.is_running());
 }
 
+/// A thread that has locked up ends with its process alone: the process makes way for another.
+#[test]
+fn a_composed_run_whose_node_never_comes_up_is_started_again() {
+    let run = Up::new("--composed --duration 1").start();
+    let selector = wait_for("the selector's thread", || run.process().thread("vision_selector")).hold();
+    wait_for("the selector's thread to go", || selector.is_gone().then_some(()));
+    let outcome = run.outcome();
+    assert!(outcome.status.success(), "{}", outcome.stderr);
+    let said: Vec<&str> = outcome.stderr.lines().filter(|line| line.contains("started again")).collect();
+    let [said] = said[..] else { panic!("{said:?}") };
+    assert!(said.contains("/feeder/vision_selector") && said.contains("start 2 of 3"), "{said}");
+    assert!(outcome.number("sim_s") >= 1.0);
+}
+
 /// As Ctrl-Z and `fg` do. The DDS library may lose its threads by it: then the run ends and says why; it never hangs.
 #[test]
 fn a_run_that_was_stopped_and_goes_on_ends_well_or_with_the_reason() {

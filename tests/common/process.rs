@@ -2,6 +2,8 @@
 
 use std::fs;
 
+use nix::sys::{ptrace, wait};
+use nix::unistd;
 use rustix::process::{Pid, Signal, kill_process};
 
 /// A process, by its number.
@@ -38,11 +40,55 @@ impl Process {
         stat(self.id).is_some_and(|stat| stat.state == "T")
     }
 
+    /// Its thread of this name, if it has one by now.
+    pub(crate) fn thread(self, name: &str) -> Option<Thread> {
+        let threads = fs::read_dir(format!("/proc/{}/task", self.id)).ok()?.flatten();
+        let named = |id: &u32| {
+            let told = fs::read_to_string(format!("/proc/{}/task/{id}/comm", self.id));
+            told.is_ok_and(|told| told.trim_end() == name)
+        };
+        threads.filter_map(|thread| thread.file_name().to_str()?.parse().ok()).find(named).map(|id| Thread { id })
+    }
+
     /// The processes it has started and that still run.
     pub(crate) fn children(self) -> Vec<Self> {
         let ids = fs::read_dir("/proc").unwrap().filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
         let ids = ids.filter(|id| stat(*id).is_some_and(|stat| stat.parent == self.id));
         ids.map(Self::new).filter(|child| child.is_running()).collect()
+    }
+}
+
+/// A thread of another process, by its number.
+#[derive(Debug)]
+pub(crate) struct Thread {
+    id: u32,
+}
+
+impl Thread {
+    /// Stops it alone, as a debugger does, until its process ends or puts another in its place.
+    pub(crate) fn hold(self) -> HeldThread {
+        let id = unistd::Pid::from_raw(i32::try_from(self.id).unwrap());
+        ptrace::seize(id, ptrace::Options::empty()).unwrap();
+        ptrace::interrupt(id).unwrap();
+        HeldThread { id }
+    }
+}
+
+/// A thread that is held. To be asked by the thread that holds it.
+#[derive(Debug)]
+pub(crate) struct HeldThread {
+    id: unistd::Pid,
+}
+
+impl HeldThread {
+    /// Whether it is gone. It goes only when it is asked, as its process waits for the one who holds it.
+    pub(crate) fn is_gone(&self) -> bool {
+        let flags = wait::WaitPidFlag::__WALL | wait::WaitPidFlag::WNOHANG;
+        match wait::waitpid(self.id, Some(flags)) {
+            Ok(status) => matches!(status, wait::WaitStatus::Exited(..) | wait::WaitStatus::Signaled(..)),
+            // By another look.
+            Err(_) => true,
+        }
     }
 }
 
