@@ -165,8 +165,10 @@ mod tests {
     use nalgebra::Isometry2;
 
     use super::*;
-    use crate::tests::camera;
+    use crate::detector::Detector;
+    use crate::modes::MODES;
     use crate::tests::recognition::IN_ANY_LIGHT;
+    use crate::tests::{camera, empty_tray, over_camera};
     use feeder_model::camera::MountedTray;
     use feeder_model::tray::TrayGeometry;
 
@@ -246,13 +248,74 @@ mod tests {
         assert_eq!([at(DISTANCES as f64 - 0.1), at(DISTANCES as f64 + 0.1)], [(-0.1, 0.0), (0.0, 0.0)]);
     }
 
-    #[test]
-    fn a_ray_leaves_a_part_by_its_edge() {
-        // A rectangle of 4 x 2 mm.
+    /// A rectangle of 4 x 2 mm.
+    fn oblong() -> Sought {
         let corners = [(0.002, -0.001), (0.002, 0.001), (-0.002, 0.001), (-0.002, -0.001)];
         let mut sought = IN_ANY_LIGHT.sought[0].clone();
         sought.outline_m = corners.iter().map(|(x, y)| Point2::new(*x, *y)).collect();
         sought.radius_m = 0.003;
+        sought
+    }
+
+    #[test]
+    fn what_lies_round_a_part_is_sampled_from_its_edge_on_in_the_directions_of_the_platen() {
+        let (mut detector, sought) = (IN_ANY_LIGHT.clone(), oblong());
+        let (camera, tray) = (detector.camera.clone(), MountedTray::new(TrayGeometry::PAPER));
+        let (turn_rad, yaw_rad) = (0.4, 0.3);
+        let platen_from_tray = Isometry2::new(over_camera().translation.vector, turn_rad);
+        let view = View { camera: &camera, tray: &tray, platen_from_tray };
+        let floor_m = tray.plateau_height_m();
+        let step_rad = std::f64::consts::TAU / DIRECTIONS as f64;
+        // On the middle of the plateau, and a little from the outer wall.
+        let [middle, outside] = [0.06, 0.0855].map(|radius_m| Point2::new(0.0, -radius_m));
+        let sampled = |detector: &mut Detector, centre: Point2<f64>, taken: bool| {
+            let mut image = empty_tray(&platen_from_tray);
+            for (x, y, level) in image.enumerate_pixels_mut() {
+                let pixel = Point2::new(f64::from(x), f64::from(y));
+                let Some(from_centre) = view.tray_point(pixel, floor_m).map(|point| point - centre) else { continue };
+                let on_platen_rad = from_centre.y.atan2(from_centre.x) + turn_rad;
+                let beyond_px =
+                    (from_centre.norm() - exit_m(&sought, from_centre.normalize(), yaw_rad)) / sought.m_per_px;
+                // A dark patch towards the platen's x, and one nearer towards its y.
+                let lies = |direction: f64, from_px: f64| {
+                    (on_platen_rad - direction * step_rad).abs() < 1.5 * step_rad
+                        && (from_px..from_px + 3.0).contains(&beyond_px)
+                };
+                if lies(0.0, 8.0) || lies(6.0, 4.0) {
+                    level.0[0] = level.0[0] / 4 * 3;
+                }
+            }
+            detector.look(&image, &platen_from_tray, 8.0).unwrap();
+            let fit = Fit { centre, yaw_rad, cost: 0.0, evidence: 1.0, amounts: [0.0; MODES] };
+            let mut samples = Samples::default();
+            samples.add(&detector.segmentation, &view, &sought, &fit, |_| taken);
+            samples.shared(&alike(1.0, 0.0), 1).planes().0
+        };
+        let levels = sampled(&mut detector, middle, false);
+        for (direction, first) in [(0, 8.0), (6, 4.0)] {
+            let column: Vec<f32> = (1..DISTANCES).map(|distance| -levels[distance * DIRECTIONS + direction]).collect();
+            let total: f32 = column.iter().sum();
+            let moment: f32 = column.iter().zip(1_u8..).map(|(dark, distance)| dark * f32::from(distance)).sum();
+            // Three cells, a quarter darker: the middle one is the second.
+            assert!((total - 0.75).abs() < 0.15, "{direction}: {column:?}");
+            assert!((moment / total - (first + 1.0)).abs() < 0.5, "{direction}: {column:?}");
+        }
+        for direction in [3, 12, 18, 21] {
+            let darkest = (3..DISTANCES).map(|distance| levels[distance * DIRECTIONS + direction]).fold(0.0, f32::min);
+            assert!(darkest > -0.05, "{direction}: {darkest}");
+        }
+        // What belongs to another part tells nothing, nor does what is no plateau.
+        assert_eq!(sampled(&mut detector, middle, true), vec![1.0; DIRECTIONS * DISTANCES]);
+        let levels = sampled(&mut detector, outside, false);
+        // In the tray's frame the wall lies towards its -y.
+        let outwards = ((turn_rad / step_rad).round() as usize + DIRECTIONS * 3 / 4) % DIRECTIONS;
+        assert_eq!(levels[(DISTANCES - 1) * DIRECTIONS + outwards], 1.0);
+        assert!(levels[(DISTANCES - 1) * DIRECTIONS + (outwards + DIRECTIONS / 2) % DIRECTIONS] < 0.1);
+    }
+
+    #[test]
+    fn a_ray_leaves_a_part_by_its_edge() {
+        let sought = oblong();
         let exit_mm = |direction_rad: f64, yaw_rad: f64| {
             1e3 * exit_m(&sought, Rotation2::new(direction_rad) * Vector2::x(), yaw_rad)
         };

@@ -50,8 +50,11 @@ fn a_look_contradicts_another_in_pose_yaw_or_place() {
     let contradicts = |other: Candidate| sight.contradicts(&SEEN, &other, &config);
     assert!(!contradicts(Candidate { x_m: 0.000_1, yaw_rad: Some(1.03), ..SEEN }));
     assert!(contradicts(Candidate { pose: Some(1), likeness: 1, ..SEEN }));
+    assert!(contradicts(Candidate { likeness: 1, ..SEEN }));
     assert!(contradicts(Candidate { yaw_rad: Some(1.3), ..SEEN }));
     assert!(contradicts(Candidate { x_m: 0.000_4, ..SEEN }));
+    // One look is sure of what the other only takes to be likeliest.
+    assert!(sight.contradicts(&Candidate { pose: None, ..SEEN }, &SEEN, &config));
     // What is not sure, or another thing, contradicts nothing.
     assert!(!contradicts(Candidate { pose: None, yaw_rad: Some(1.3), ..SEEN }));
     assert!(!contradicts(Candidate { x_m: 0.006, yaw_rad: Some(1.3), ..SEEN }));
@@ -120,7 +123,11 @@ fn in_the_light_taught_a_pose_is_as_sure_as_either_look_is_and_not_at_all_where_
     assert_eq!((turned.pose, turned.confidence), (None, 0.0));
     // What the look in the light taught does not recognise, the other does not make it.
     let unknown = Candidate { pose: None, confidence: 0.0, ..SEEN };
-    assert!(together(taught(unknown), any(Candidate { x_m: 0.000_1, ..unknown }), true).pose.is_none());
+    let unsure = together(taught(unknown), any(Candidate { x_m: 0.000_1, confidence: 0.9, ..unknown }), true);
+    assert_eq!((unsure.pose, unsure.confidence), (None, 0.0));
+    // Nothing is taken back of what was not recognised.
+    let (_, health) = sight().together(taught(unknown), any(SEEN), &SelectorConfig::default());
+    assert!((health.explained_ratio - 0.95).abs() < 1e-9, "{health:?}");
 }
 
 #[test]

@@ -20,7 +20,7 @@ pub(crate) mod recognition;
 mod scenes;
 
 use scenes::*;
-pub(crate) use scenes::{camera, over_camera};
+pub(crate) use scenes::{camera, empty_tray, over_camera};
 
 #[test]
 fn a_blank_picture_stops_selection_and_a_good_one_resumes_it() {

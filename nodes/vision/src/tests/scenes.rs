@@ -87,6 +87,11 @@ pub(super) fn simple_picture(parts: &[LaidPart]) -> GrayImage {
     shoot(&mut Renderer::new(&scene(&GROMMET, 2.0)).unwrap(), &over_camera(), parts, &mut Pcg64Mcg::seed_from_u64(11))
 }
 
+/// A picture of the tray there, with nothing in it and no noise.
+pub(crate) fn empty_tray(pose: &Isometry2<f64>) -> GrayImage {
+    shoot(&mut Renderer::new(&scene(&GROMMET, 0.0)).unwrap(), pose, &[], &mut Pcg64Mcg::seed_from_u64(11))
+}
+
 /// Parts strewn over the plateau, `apart_m` from centre to centre at least.
 pub(super) fn strewn(
     part: &PartType,
