@@ -306,9 +306,10 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
         return part.lead >= single(config.evidence_lead_min);
     }
     let lead_min = single(config.evidence_lead_min);
-    let leads = [part.first_lead, part.lead, part.beside_lead];
-    let led =
-        leads.iter().all(|lead| *lead >= lead_min) && part.lead_due.is_none_or(|due| part.lead >= LEAD_SHARE_MIN * due);
+    // What it led by before the frame's own light was known counts where its like do not tell of that light.
+    let first_led = part.evidence_ratio.is_some() || part.first_lead >= lead_min;
+    let due = part.lead_due.map_or(lead_min, |due| lead_min.max(LEAD_SHARE_MIN * due));
+    let led = first_led && part.lead >= due && part.beside_lead >= lead_min;
     let amounts = &part.fit.amounts;
     let (unlike_max, size_off_max) = match part.evidence_ratio {
         Some(_) => (UNLIKE_MAX, SIZE_OFF_IN_COMPANY_MAX),

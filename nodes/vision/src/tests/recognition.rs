@@ -78,6 +78,10 @@ fn what_is_seen_much_darker_than_the_part_is_none_and_what_looked_as_much_like_a
     let (more, less) = (1.1 * least, 0.9 * least);
     let first = |lead: f32| recognised(|part| part.first_lead = lead);
     assert!(first(more) && !first(less), "before the light was known");
+    assert!(
+        recognised(|part| (part.first_lead, part.evidence_ratio) = (less, Some(1.0))),
+        "its like tell of the light"
+    );
     let beside = |lead: f32| recognised(|part| part.beside_lead = lead);
     assert!(beside(more) && !beside(less), "a little beside");
     let led = |due: Option<f32>, lead: f32| recognised(|part| (part.lead_due, part.lead) = (due, lead));
