@@ -79,7 +79,7 @@ fn a_node_that_never_comes_up_is_named() {
 #[test]
 fn a_composed_run_whose_node_never_comes_up_is_started_again() {
     let run = Up::new("--composed --duration 1").start();
-    let selector = wait_for("the selector's thread", || run.process().thread("vision_selector")).hold();
+    let selector = wait_for("the selector's thread", || run.process().hold_thread("vision_selector"));
     wait_for("the selector's thread to go", || selector.is_gone().then_some(()));
     let outcome = run.outcome();
     assert!(outcome.status.success(), "{}", outcome.stderr);

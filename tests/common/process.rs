@@ -40,14 +40,18 @@ impl Process {
         stat(self.id).is_some_and(|stat| stat.state == "T")
     }
 
-    /// Its thread of this name, if it has one by now.
-    pub(crate) fn thread(self, name: &str) -> Option<Thread> {
+    /// Stops its thread of this name alone, as a debugger does, if it has one by now.
+    pub(crate) fn hold_thread(self, name: &str) -> Option<HeldThread> {
         let threads = fs::read_dir(format!("/proc/{}/task", self.id)).ok()?.flatten();
-        let named = |id: &u32| {
+        let named = |id: &i32| {
             let told = fs::read_to_string(format!("/proc/{}/task/{id}/comm", self.id));
             told.is_ok_and(|told| told.trim_end() == name)
         };
-        threads.filter_map(|thread| thread.file_name().to_str()?.parse().ok()).find(named).map(|id| Thread { id })
+        let id = threads.filter_map(|thread| thread.file_name().to_str()?.parse().ok()).find(named)?;
+        let id = unistd::Pid::from_raw(id);
+        ptrace::seize(id, ptrace::Options::empty()).unwrap();
+        ptrace::interrupt(id).unwrap();
+        Some(HeldThread { id })
     }
 
     /// The processes it has started and that still run.
@@ -58,37 +62,18 @@ impl Process {
     }
 }
 
-/// A thread of another process, by its number.
-#[derive(Debug)]
-pub(crate) struct Thread {
-    id: u32,
-}
-
-impl Thread {
-    /// Stops it alone, as a debugger does, until its process ends or puts another in its place.
-    pub(crate) fn hold(self) -> HeldThread {
-        let id = unistd::Pid::from_raw(i32::try_from(self.id).unwrap());
-        ptrace::seize(id, ptrace::Options::empty()).unwrap();
-        ptrace::interrupt(id).unwrap();
-        HeldThread { id }
-    }
-}
-
-/// A thread that is held. To be asked by the thread that holds it.
+/// A thread of another process that is held until that ends or puts another in its place. To be asked by the thread that holds it.
 #[derive(Debug)]
 pub(crate) struct HeldThread {
     id: unistd::Pid,
 }
 
 impl HeldThread {
-    /// Whether it is gone. It goes only when it is asked, as its process waits for the one who holds it.
+    /// Whether it is gone, which is told once. It goes only when it is asked, as its process waits for the one who holds it.
     pub(crate) fn is_gone(&self) -> bool {
         let flags = wait::WaitPidFlag::__WALL | wait::WaitPidFlag::WNOHANG;
-        match wait::waitpid(self.id, Some(flags)) {
-            Ok(status) => matches!(status, wait::WaitStatus::Exited(..) | wait::WaitStatus::Signaled(..)),
-            // By another look.
-            Err(_) => true,
-        }
+        let status = wait::waitpid(self.id, Some(flags)).unwrap();
+        matches!(status, wait::WaitStatus::Exited(..) | wait::WaitStatus::Signaled(..))
     }
 }
 

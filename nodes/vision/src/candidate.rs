@@ -302,19 +302,18 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
     if part.fit.cost > miss_max || !yaw_shows(part) || !shows_detail {
         return false;
     }
-    if detector.light == Light::Taught {
-        return part.lead >= single(config.evidence_lead_min);
-    }
     let lead_min = single(config.evidence_lead_min);
-    // What it led by before the frame's own light was known counts where its like do not tell of that light.
-    let first_led = part.evidence_ratio.is_some() || part.first_lead >= lead_min;
-    let due = part.lead_due.map_or(lead_min, |due| lead_min.max(LEAD_SHARE_MIN * due));
-    let led = first_led && part.lead >= due && part.beside_lead >= lead_min;
-    let amounts = &part.fit.amounts;
-    let (unlike_max, size_off_max) = match part.evidence_ratio {
-        Some(_) => (UNLIKE_MAX, SIZE_OFF_IN_COMPANY_MAX),
-        None => (UNLIKE_ALONE_MAX, SIZE_OFF_MAX),
+    if detector.light == Light::Taught {
+        return part.lead >= lead_min;
+    }
+    // Its like tell of the frame's own light: what it led by before that was known counts for one alone.
+    let (first_lead_min, unlike_max, size_off_max) = match part.evidence_ratio {
+        Some(_) => (f32::NEG_INFINITY, UNLIKE_MAX, SIZE_OFF_IN_COMPANY_MAX),
+        None => (lead_min, UNLIKE_ALONE_MAX, SIZE_OFF_MAX),
     };
+    let due = part.lead_due.map_or(lead_min, |due| lead_min.max(LEAD_SHARE_MIN * due));
+    let led = part.first_lead >= first_lead_min && part.lead >= due && part.beside_lead >= lead_min;
+    let amounts = &part.fit.amounts;
     let unlike_in_light_max =
         if part.lead_due.is_some() { UNLIKE_IN_LIGHT_OF_TWO_POSES_MAX } else { UNLIKE_IN_LIGHT_MAX };
     let lit = part.unlike_in_light <= unlike_in_light_max;

@@ -165,6 +165,7 @@ mod tests {
     use nalgebra::Isometry2;
 
     use super::*;
+    use crate::SelectorConfig;
     use crate::detector::Detector;
     use crate::modes::MODES;
     use crate::tests::recognition::IN_ANY_LIGHT;
@@ -260,7 +261,7 @@ mod tests {
     #[test]
     fn what_lies_round_a_part_is_sampled_from_its_edge_on_in_the_directions_of_the_platen() {
         let (mut detector, sought) = (IN_ANY_LIGHT.clone(), oblong());
-        let (camera, tray) = (detector.camera.clone(), MountedTray::new(TrayGeometry::PAPER));
+        let (camera, tray) = (camera(), MountedTray::new(TrayGeometry::PAPER));
         let step_rad = std::f64::consts::TAU / DIRECTIONS as f64;
         // The tray is turned by two directions.
         let (turn_rad, yaw_rad) = (2.0 * step_rad, 0.3);
@@ -286,23 +287,26 @@ mod tests {
                     level.0[0] = level.0[0] / 4 * 3;
                 }
             }
-            detector.look(&image, &platen_from_tray, 8.0).unwrap();
+            detector.look(&image, &platen_from_tray, SelectorConfig::default().contrast_min_levels).unwrap();
             let fit = Fit { centre, yaw_rad, cost: 0.0, evidence: 1.0, amounts: [0.0; MODES] };
             let mut samples = Samples::default();
             samples.add(&detector.segmentation, &view, &sought, &fit, |_| taken);
             samples.shared(&alike(1.0, 0.0), 1).planes().0
         };
+        // From so many cells beyond its edge on, in one direction.
+        let column =
+            |direction: usize, from: usize| (from..DISTANCES).map(move |distance| distance * DIRECTIONS + direction);
         let levels = sampled(&mut detector, middle, false);
         for (direction, first) in [(0, 8.0), (6, 4.0)] {
-            let column: Vec<f32> = (1..DISTANCES).map(|distance| -levels[distance * DIRECTIONS + direction]).collect();
-            let total: f32 = column.iter().sum();
-            let moment: f32 = column.iter().zip(1_u8..).map(|(dark, distance)| dark * f32::from(distance)).sum();
+            let darkness: Vec<f32> = column(direction, 1).map(|cell| -levels[cell]).collect();
+            let total: f32 = darkness.iter().sum();
+            let moment: f32 = darkness.iter().zip(1_u8..).map(|(dark, distance)| dark * f32::from(distance)).sum();
             // Three cells, a quarter darker: the middle one is the second.
-            assert!((total - 0.75).abs() < 0.15, "{direction}: {column:?}");
-            assert!((moment / total - (first + 1.0)).abs() < 0.5, "{direction}: {column:?}");
+            assert!((total - 0.75).abs() < 0.15, "{direction}: {darkness:?}");
+            assert!((moment / total - (first + 1.0)).abs() < 0.5, "{direction}: {darkness:?}");
         }
         for direction in [3, 12, 18, 21] {
-            let darkest = (3..DISTANCES).map(|distance| levels[distance * DIRECTIONS + direction]).fold(0.0, f32::min);
+            let darkest = column(direction, 3).map(|cell| levels[cell]).fold(0.0, f32::min);
             assert!(darkest > -0.05, "{direction}: {darkest}");
         }
         // What belongs to another part tells nothing, nor does what is no plateau.
@@ -310,12 +314,13 @@ mod tests {
         let levels = sampled(&mut detector, outside, false);
         // The wall lies towards the tray's -y.
         let outwards = DIRECTIONS * 3 / 4 + 2;
-        let column = |direction: usize| (3..DISTANCES).map(move |distance| distance * DIRECTIONS + direction);
-        assert!(levels[(DISTANCES - 1) * DIRECTIONS + outwards] >= 1.0);
+        assert!(column(outwards, DISTANCES - 1).all(|cell| levels[cell] >= 1.0));
         // Its shade is its own.
         let round = outwards - 3..=outwards + 2;
-        let beside: Vec<usize> = round.flat_map(column).filter(|cell| levels[*cell] < 1.0).collect();
-        let darkest = beside.iter().map(|cell| levels[*cell]).fold(0.0, f32::min);
+        let shown =
+            round.flat_map(|direction| column(direction, 3)).map(|cell| levels[cell]).filter(|level| *level < 1.0);
+        let beside: Vec<f32> = shown.collect();
+        let darkest = beside.iter().copied().fold(0.0, f32::min);
         assert!(beside.len() > 20 && darkest > -0.09, "{}: {darkest}", beside.len());
     }
 
