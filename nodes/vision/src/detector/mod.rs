@@ -17,7 +17,7 @@ use super::modes::{Belief, Light, SideAmounts};
 use super::search::{Search, Seed};
 use super::segment::{Plateau, Segmentation, TaughtLight, Uncovered};
 use super::sought::{SHADE_SIGMA, Sought, Turn};
-use super::surround::{Samples, Surround};
+use super::surround::{Sample, Samples, Surround};
 use super::template::{PartModel, SIDES};
 use super::view::{RayTable, View};
 pub(super) use company::{ALIKE_MIN, belief_of_light};
@@ -62,6 +62,8 @@ pub(super) struct Found {
     pub lead_due: Option<f32>,
     /// How much of the template's fine detail is seen; `None` where it has too little to tell.
     pub detail_seen: Option<f32>,
+    /// How high it seems by its shade, as [`Surround::height_seen`] tells.
+    pub height_seen: Option<f32>,
     /// Evidence for each texel.
     pub evidence_per_texel: f32,
     /// Pixels that it covers.
@@ -87,6 +89,7 @@ impl Found {
             first_lead: f32::INFINITY,
             lead_due: None,
             detail_seen: None,
+            height_seen: None,
             evidence_per_texel: 0.0,
             px: 0,
         }
@@ -245,17 +248,23 @@ impl Detector {
                 *owner = 0;
             }
         }
+        let found = found.into_iter().enumerate().zip(kept).filter(|(_, kept)| *kept);
+        let (mut found, shades): (Vec<Found>, Vec<Sample>) =
+            found.map(|((index, part), _)| (part, self.shade(&view, &part, index + 1))).unzip();
+        let mut samples = vec![Samples::default(); self.sought.len()];
+        found.iter().zip(&shades).for_each(|(part, shade)| samples[part.pose].add(shade));
+        let told: Vec<Surround> = samples.iter().map(Samples::told).collect();
+        for (part, shade) in found.iter_mut().zip(&shades) {
+            part.height_seen = told[part.pose].height_seen(shade);
+        }
         if self.light == Light::Any {
             let as_taught = self.light_is_as_taught(&view);
-            let samples = self.samples(&view, &found, |index| kept[index]);
             self.surrounds = samples
                 .into_iter()
                 .zip(&self.sought)
                 .map(|(samples, sought)| samples.of_frame(&sought.template.surround(), as_taught))
                 .collect();
         }
-        let mut kept = kept.into_iter();
-        found.retain(|_| kept.next() == Some(true));
         Ok(found)
     }
 
@@ -279,26 +288,19 @@ impl Detector {
         found
     }
 
-    /// What parts have round them, by pose, as far as they count; `found` as they own the frame's pixels.
-    fn samples(&self, view: &View, found: &[Found], counts: impl Fn(usize) -> bool) -> Vec<Samples> {
-        let mut samples = vec![Samples::default(); self.sought.len()];
-        for (index, part) in found.iter().enumerate().filter(|(index, _)| counts(*index)) {
-            let taken = |pixel: usize| self.owners[pixel] != 0 && usize::from(self.owners[pixel]) != index + 1;
-            samples[part.pose].add(&self.segmentation, view, &self.sought[part.pose], &part.fit, taken);
-        }
-        samples
+    /// What a part has round it; the pixels it covers are owned by `own`.
+    fn shade(&self, view: &View, part: &Found, own: usize) -> Sample {
+        let taken = |pixel: usize| self.owners[pixel] != 0 && usize::from(self.owners[pixel]) != own;
+        Sample::new(&self.segmentation, view, &self.sought[part.pose], &part.fit, taken)
     }
 
     /// What a part has round it in the frame looked at last, whatever else lies there.
-    pub(super) fn sample(&self, view: &View, part: &Found, samples: &mut Samples) {
-        let sought = &self.sought[part.pose];
+    pub(super) fn sample(&self, view: &View, part: &Found) -> Sample {
         let mut own = Vec::new();
-        covered(&self.segmentation, view, sought, &part.fit, |pixel| own.push(self.owners[pixel]));
+        covered(&self.segmentation, view, &self.sought[part.pose], &part.fit, |pixel| own.push(self.owners[pixel]));
         own.sort_unstable();
         let own = own.chunk_by(|a, b| a == b).max_by_key(|run| run.len()).map_or(0, |run| run[0]);
-        samples.add(&self.segmentation, view, sought, &part.fit, |pixel| {
-            self.owners[pixel] != 0 && self.owners[pixel] != own
-        });
+        self.shade(view, part, usize::from(own))
     }
 
     /// The fit that a guess leads to by what is believed of parts.

@@ -90,7 +90,7 @@ impl Exam<'_> {
                 if let Some(found) = found.iter().find(is_it) {
                     misses[part.pose].push(found.fit.cost - detector.sought[part.pose].noise_miss);
                     evidences[part.pose].push(found.evidence_per_texel);
-                    detector.sample(&view, found, &mut samples[part.pose]);
+                    samples[part.pose].add(&detector.sample(&view, found));
                 }
             }
         })?;

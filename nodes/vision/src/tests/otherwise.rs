@@ -3,11 +3,12 @@
 use super::*;
 use crate::align::{Fit, Laid, Owners, detail_seen, lead_due};
 use crate::candidate::{is_recognised, judge};
-use crate::detector::{Detector, belief_of_light};
+use crate::detector::{Detector, Found, belief_of_light};
 use crate::modes::{Belief, Light, MODES, OTHER_LIGHTS, WHOLE_LIGHTS};
 use crate::template::{Aspect, LitPicture, Plane, direction_factors};
 use feeder_model::geometry::PartMesh;
 use feeder_model::geometry::apart::distance_m;
+use feeder_sim::camera::SensorModel;
 
 /// A part that gives back so many times the light.
 fn lit(scene: &mut Scene, ratio: f64) {
@@ -349,6 +350,37 @@ fn a_part_shows_all_of_its_detail_and_a_blank_none() {
             let (view, sought) = (detector.view(&over_camera()), &detector.sought[part.pose]);
             let seen = detail_seen(&detector.segmentation, &view, sought, &part.fit, &owners).unwrap();
             assert!(seen.abs() < 0.2, "{light:?}: {seen}");
+        }
+    }
+}
+
+/// From above a grommet that is half as high differs by its shadow alone.
+#[test]
+fn what_is_half_as_high_as_the_others_is_told_by_its_shadow() {
+    let scene = scene(&GROMMET, 2.0);
+    let mut random = Pcg64Mcg::seed_from_u64(3);
+    let grommets = strewn(&GROMMET, Some(0), 10, 5.0 * RADIUS_M, &mut random);
+    let (low, high) = grommets.split_at(3);
+    let mut image = shoot(&mut Renderer::new(&scene).unwrap(), &over_camera(), high, &mut random);
+    let mut of_low = Scene { sensor: SensorModel { noise_sigma_levels: 0.0, ..scene.sensor }, ..scene.clone() };
+    let up = GROMMET.poses[0].orientation.inverse() * nalgebra::Vector3::z();
+    let halved = GROMMET.mesh.vertices().iter().map(|vertex| vertex - 0.5 * vertex.coords.dot(&up) * up).collect();
+    let (triangles, reflectance) = (GROMMET.mesh.triangles().to_vec(), GROMMET.mesh.reflectance().to_vec());
+    of_low.part.mesh = PartMesh::new(halved, triangles, reflectance).unwrap();
+    let low_alone = shoot(&mut Renderer::new(&of_low).unwrap(), &over_camera(), low, &mut random);
+    for ((pixel, low), bare) in image.iter_mut().zip(low_alone.iter()).zip(empty_tray(&over_camera()).iter()) {
+        if low != bare {
+            *pixel = *low;
+        }
+    }
+    let config = SelectorConfig::default();
+    for light in [Light::Taught, Light::Any] {
+        let mut detector = Detector::new(&scene.camera, &scene.tray, &MODEL, light);
+        let found = detector.find(&image, &over_camera(), config.contrast_min_levels, f32::MAX).unwrap();
+        for (index, grommet) in grommets.iter().enumerate() {
+            let lies = |part: &&Found| (part.fit.centre - grommet.place).norm() < 0.000_5;
+            let height = found.iter().find(lies).unwrap().height_seen.unwrap();
+            assert!(if index < 3 { height < 0.5 } else { height > 0.8 }, "{light:?}, {index}: {height}");
         }
     }
 }

@@ -110,6 +110,8 @@ fn what_fits_no_better_than_it_may_or_as_well_at_another_yaw_is_not_recognised()
     assert!(first(1.75) && !first(1.85), "before what parts of the frame have in common was known");
     let shown = |share: f32| recognised(|part| part.detail_seen = Some(share));
     assert!(shown(0.56) && !shown(0.54), "a blank");
+    let high = |height: f32| recognised(|part| part.height_seen = Some(height));
+    assert!(high(0.61) && !high(0.59), "half as high");
     let turned = |share: f32| recognised(|part| part.turned = Some(share));
     let at_other_yaw = |share: f32| recognised(|part| part.yaw_lead = Some(share));
     for is_known in [turned, at_other_yaw] {
