@@ -7,7 +7,7 @@ use super::super::segment::Segmentation;
 use super::super::sought::Sought;
 use super::super::template::period_rad;
 use super::super::view::View;
-use super::{Bare, Fit, MISS_SIGMAS_MAX, Owners, dark_max};
+use super::{Bare, Fit, MISS_SIGMAS_MAX, Owners, dark_max, residuals};
 
 /// A part whose picture changes by less than this mean square when it is turned, in standard deviations, looks round.
 const TURNED_MIN: f32 = 0.1;
@@ -59,14 +59,14 @@ pub(in super::super) fn yaw_lead_share(
 }
 
 /// By how much, per texel of `part`, the templates say that its evidence must exceed that of another pose as fitted, where what is
-/// seen is the part.
+/// seen is the part. What belongs to others tells nothing. `None` out of the camera's sight.
 pub(in super::super) fn lead_due(
     frame: &Segmentation,
     view: &View,
     part: &Laid,
     other: &Laid,
-    beside_sigma: f32,
-) -> f32 {
+    owners: &Owners,
+) -> Option<f32> {
     let noise = frame.sigma * frame.sigma;
     let bare = Bare::new(noise);
     let (here, there) = (part.picture(view), other.picture(view));
@@ -74,19 +74,21 @@ pub(in super::super) fn lead_due(
     let aside_m = Rotation2::new(-part.fit.yaw_rad) * (other.fit.centre - part.fit.centre);
     // What `laid` makes of a texel where the part's picture is seen, and bare floor beside that.
     let evidence = |laid: &Laid, picture: &[f32], shown: &dyn Fn(Vector2<f64>) -> f32| {
-        let outdone = |index: &usize| {
-            let level = shown(laid.sought.template.place_m(*index));
-            let inverse_sigma = 1.0 / (laid.sought.variance(*index, beside_sigma) + noise).sqrt();
-            let miss = (level - picture[*index]) * inverse_sigma;
-            let miss = miss.clamp(-dark_max(laid.sought, *index), MISS_SIGMAS_MAX);
+        let outdone = |index: usize| {
+            let level = shown(laid.sought.template.place_m(index));
+            let inverse_sigma = 1.0 / (laid.sought.variance(index, owners.beside_sigma) + noise).sqrt();
+            let miss = (level - picture[index]) * inverse_sigma;
+            let miss = miss.clamp(-dark_max(laid.sought, index), MISS_SIGMAS_MAX);
             bare.outdone(level, miss, inverse_sigma.ln())
         };
-        laid.sought.texels.iter().map(outdone).sum::<f32>() * laid.sought.texel_weight
+        let seen = residuals(frame, view, laid.sought, (laid.fit, picture), owners)?;
+        let texels = laid.sought.texels.iter().zip(seen).filter_map(|(index, seen)| seen.map(|_| *index));
+        Some(texels.map(outdone).sum::<f32>() * laid.sought.texel_weight)
     };
     let at = |place_m: Vector2<f64>| part.sought.texel(place_m).map_or(0.0, |index| here[index]);
-    let own = evidence(part, &here, &at);
-    let others = evidence(other, &there, &|place_m| at(into_part * place_m + aside_m));
-    part.sought.per_texel(own - others)
+    let own = evidence(part, &here, &at)?;
+    let others = evidence(other, &there, &|place_m| at(into_part * place_m + aside_m))?;
+    Some(part.sought.per_texel(own - others))
 }
 
 /// A pose laid over a frame, by a belief.

@@ -139,7 +139,7 @@ impl Detector {
                         part.lead = sought.per_texel(fit.evidence - rival.evidence);
                         let laid = Laid { sought, fit: &fit, belief: &beliefs[part.pose] };
                         let rival = Laid { sought: other, fit: &rival, belief };
-                        part.lead_due = Some(lead_due(&self.segmentation, view, &laid, &rival, beside_sigma));
+                        part.lead_due = lead_due(&self.segmentation, view, &laid, &rival, &owners);
                     }
                 }
                 part.beside_lead = self.lead_beside(view, part.pose, &fit, &owners, belief);

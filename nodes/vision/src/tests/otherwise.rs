@@ -401,8 +401,21 @@ fn a_part_leads_another_pose_by_what_the_templates_say() {
     // It leads itself by nothing.
     let (view, belief) = (detector.view(&over_camera()), Belief::open());
     let laid = || Laid { sought: &detector.sought[1], fit: &found[0].fit, belief: &belief };
-    let lead = lead_due(&detector.segmentation, &view, &laid(), &laid(), 0.1);
+    let nobody = vec![0; detector.segmentation.bins.len()];
+    let due = |of: &[u16], part: &Laid, other: &Laid| {
+        lead_due(&detector.segmentation, &view, part, other, &Owners { of, own: 1, beside_sigma: 0.1 }).unwrap()
+    };
+    let lead = due(&nobody, &laid(), &laid());
     assert!(lead.abs() < 1e-4, "{lead}");
+    // Of a part that others cover by half, half is asked.
+    let (pose, rival) = found[0].rival.unwrap();
+    let rival = Laid { sought: &detector.sought[pose], fit: &rival, belief: &belief };
+    let window = detector.segmentation.window;
+    let middle = view.pixel(found[0].fit.centre, detector.sought[1].plane_m).unwrap().y - window.top as f64;
+    let half: Vec<u16> =
+        (0..nobody.len()).map(|pixel| if ((pixel / window.width) as f64) < middle { 2 } else { 0 }).collect();
+    let share = due(&half, &laid(), &rival) / due(&nobody, &laid(), &rival);
+    assert!((0.35..0.65).contains(&share), "{share}");
 }
 
 /// A white part lights the floor beside it; few parts in a frame cannot tell that all of them do.
