@@ -15,7 +15,7 @@ use feeder_model::camera::single;
 pub(super) const DIRECTIONS: usize = 24;
 pub(super) const DISTANCES: usize = 16;
 /// Parts that must show what is round them for a frame to tell.
-const SHOWN_MIN: usize = 4;
+pub(super) const SHOWN_MIN: usize = 4;
 /// Where light falls as it did, parts differ from each other by so many of the lesson's usual deviations at least, 1.7 standard
 /// deviations of a normal one: how they lie counts for more than how bright they are.
 const KNOWN_SCATTERS: f32 = 2.5;
@@ -92,40 +92,80 @@ impl Samples {
         }
     }
 
-    /// What the parts of a frame share; no number where too few show it.
-    pub(super) fn told(&self) -> Surround {
-        let untold = Surround { cells: vec![(f32::NAN, f32::NAN); DIRECTIONS * DISTANCES] };
-        self.clone().shared(&untold, SHOWN_MIN)
-    }
-
-    /// What the parts share, where enough show it; elsewhere what is `known` beforehand.
-    pub(super) fn shared(mut self, known: &Surround, shown_min: usize) -> Surround {
+    /// What the parts share, where so many show it.
+    pub(super) fn told(mut self, shown_min: usize) -> Told {
         self.cells.resize_with(DIRECTIONS * DISTANCES, Vec::new);
-        let cell = |(index, levels): (usize, &mut Vec<f32>)| {
+        let cell = |levels: &mut Vec<f32>| {
             if levels.len() < shown_min {
-                return known.cells.get(index).copied().unwrap_or_default();
+                return None;
             }
             levels.sort_by(f32::total_cmp);
             let middle = levels[levels.len() / 2];
             // The usual deviation: of neighbours that a few of them have there it takes no notice.
             levels.iter_mut().for_each(|level| *level = (*level - middle).abs());
             levels.sort_by(f32::total_cmp);
-            (middle, levels[levels.len() / 2])
+            Some((middle, levels[levels.len() / 2]))
         };
-        Surround { cells: self.cells.iter_mut().enumerate().map(cell).collect() }
+        Told { cells: self.cells.iter_mut().map(cell).collect() }
+    }
+}
+
+/// What parts have round them that they share.
+#[derive(Clone, Debug)]
+pub(super) struct Told {
+    /// As in [`Surround`], of the cells that enough parts show.
+    cells: Vec<Option<(f32, f32)>>,
+}
+
+impl Told {
+    /// This, and elsewhere what is `known` beforehand.
+    pub(super) fn or(&self, known: &Surround) -> Surround {
+        let cell = |(index, told): (usize, &Option<(f32, f32)>)| {
+            told.or_else(|| known.cells.get(index).copied()).unwrap_or_default()
+        };
+        Surround { cells: self.cells.iter().enumerate().map(cell).collect() }
     }
 
-    /// As [`Self::shared`] for a frame, in light that falls as it did when the part was taught or otherwise.
-    pub(super) fn of_frame(self, known: &Surround, light_as_taught: bool) -> Surround {
-        let told: Vec<bool> = self.cells.iter().map(|levels| levels.len() >= SHOWN_MIN).collect();
-        let mut shared = self.shared(known, SHOWN_MIN);
+    /// The same of a frame, in light that falls as it did when the part was taught or otherwise.
+    pub(super) fn of_frame(&self, known: &Surround, light_as_taught: bool) -> Surround {
+        let mut shared = self.or(known);
         if light_as_taught {
-            let cells = shared.cells.iter_mut().zip(&known.cells).zip(told);
-            for (((_, scatter), (_, known)), _) in cells.filter(|(_, told)| *told) {
+            let cells = shared.cells.iter_mut().zip(&known.cells).zip(&self.cells);
+            for (((_, scatter), (_, known)), _) in cells.filter(|(_, told)| told.is_some()) {
                 *scatter = scatter.max(KNOWN_SCATTERS * known);
             }
         }
         shared
+    }
+
+    /// How high a part seems at most by its shade: 1 as high as those that share this, 0 half as high. `None` where that has too
+    /// little shade to tell.
+    pub(super) fn height_seen(&self, sample: &Sample) -> Option<f32> {
+        // Beyond its reach there is no shade.
+        let cell = |distance: usize, direction: usize| {
+            self.cells.get(distance * DIRECTIONS + direction).copied().unwrap_or(Some((0.0, 0.0)))
+        };
+        let told = |(index, level): (usize, &Option<f32>)| {
+            let (distance, direction) = (index / DIRECTIONS, index % DIRECTIONS);
+            let level = level.filter(|_| distance as f64 + 0.5 > BLURRED_PX)?;
+            let (middle, scatter) = cell(distance, direction)?;
+            // What is half as high shades half as far.
+            let half = 0.5 * (cell(2 * distance, direction)?.0 + cell(2 * distance + 1, direction)?.0);
+            let differs = middle - half;
+            (differs != 0.0).then(|| ((level - half) / differs, differs, scatter))
+        };
+        let mut told: Vec<(f32, f32, f32)> = sample.cells.iter().enumerate().filter_map(told).collect();
+        if told.iter().map(|(_, differs, _)| differs * differs).sum::<f32>() < TELLING_MIN {
+            return None;
+        }
+        told.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let weight = |(_, differs, scatter): &(f32, f32, f32)| differs.abs() / scatter.hypot(SCATTER_MIN);
+        let most = AGREEING_SHARE * told.iter().map(weight).sum::<f32>();
+        let mut below = 0.0;
+        told.iter().find_map(|cell| {
+            below += weight(cell);
+            (below >= most).then_some(cell.0)
+        })
     }
 }
 
@@ -138,38 +178,6 @@ impl Surround {
     /// Middles and scatters of all cells.
     pub(super) fn planes(&self) -> (Vec<f32>, Vec<f32>) {
         self.cells.iter().copied().unzip()
-    }
-
-    /// How high a part seems at most by its shade: 1 as high as those that share this, 0 half as high. `None` where that has too
-    /// little shade to tell.
-    pub(super) fn height_seen(&self, sample: &Sample) -> Option<f32> {
-        let cell = |distance: usize, direction: usize| {
-            self.cells.get(distance * DIRECTIONS + direction).copied().unwrap_or_default()
-        };
-        let (mut seen, mut telling) = (Vec::new(), 0.0);
-        for distance in (0..DISTANCES).filter(|distance| *distance as f64 + 0.5 > BLURRED_PX) {
-            for direction in 0..DIRECTIONS {
-                let Some(level) = sample.cells[distance * DIRECTIONS + direction] else { continue };
-                let (middle, scatter) = cell(distance, direction);
-                // What is half as high shades half as far.
-                let half = 0.5 * (cell(2 * distance, direction).0 + cell(2 * distance + 1, direction).0);
-                let differs = middle - half;
-                if differs.is_finite() && differs != 0.0 {
-                    seen.push(((level - half) / differs, differs.abs() / scatter.hypot(SCATTER_MIN)));
-                    telling += differs * differs;
-                }
-            }
-        }
-        if telling < TELLING_MIN {
-            return None;
-        }
-        seen.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let most = AGREEING_SHARE * seen.iter().map(|(_, weight)| weight).sum::<f32>();
-        let mut below = 0.0;
-        seen.into_iter().find_map(|(height, weight)| {
-            below += weight;
-            (below >= most).then_some(height)
-        })
     }
 
     /// How dark and how bright a point of the tray frame may be because a part lies so, by so many of the usual deviations:
@@ -247,25 +255,25 @@ mod tests {
 
     #[test]
     fn what_enough_parts_show_is_shared_and_elsewhere_what_was_known_holds() {
-        let shared = shown(&[&[0.5, -0.1, 0.1, 0.0], &[0.1, 0.2, 0.3]]).shared(&alike(-0.2, 0.05), 4);
+        let shared = shown(&[&[0.5, -0.1, 0.1, 0.0], &[0.1, 0.2, 0.3]]).told(4).or(&alike(-0.2, 0.05));
         let (middles, scatters) = shared.planes();
         // The middle one above the middle, and the usual deviation from it: the one that is far off counts for no more.
         assert_eq!((middles[0], scatters[0]), (0.1, 0.2));
         assert_eq!((middles[1], scatters[1]), (-0.2, 0.05));
         assert_eq!((middles.len(), middles[DIRECTIONS * DISTANCES - 1]), (DIRECTIONS * DISTANCES, -0.2));
         // Nothing was known.
-        assert_eq!(shown(&[]).shared(&Surround::new(&[], &[]), 1), alike(0.0, 0.0));
+        assert_eq!(shown(&[]).told(1).or(&Surround::new(&[], &[])), alike(0.0, 0.0));
     }
 
     #[test]
     fn in_the_light_taught_parts_of_a_frame_differ_by_what_they_did_in_the_lesson_at_least() {
         let samples = || shown(&[&[0.125; 4], &[-0.375, -0.125, 0.125, 0.375], &[0.125; 3]]);
         let known = alike(-0.25, 0.031_25);
-        let scatters = |light_as_taught: bool| samples().of_frame(&known, light_as_taught).planes().1;
+        let scatters = |light_as_taught: bool| samples().told(SHOWN_MIN).of_frame(&known, light_as_taught).planes().1;
         assert_eq!(scatters(true)[..3], [0.078_125, 0.25, 0.031_25]);
         assert_eq!(scatters(false)[..3], [0.0, 0.25, 0.031_25]);
         // Four parts tell, three do not.
-        assert_eq!(samples().of_frame(&known, true).planes().0[..3], [0.125, 0.125, -0.25]);
+        assert_eq!(samples().told(SHOWN_MIN).of_frame(&known, true).planes().0[..3], [0.125, 0.125, -0.25]);
     }
 
     #[test]
@@ -322,9 +330,9 @@ mod tests {
         let [whole, half] = [8.0, 4.0].map(|length_px| showing(move |distance| Some(shade(length_px)(distance))));
         let mut of_pose = Samples::default();
         [&whole, &whole, &whole].into_iter().for_each(|sample| of_pose.add(sample));
-        assert_eq!(of_pose.told().height_seen(&whole), None, "three tell nothing");
+        assert_eq!(of_pose.clone().told(SHOWN_MIN).height_seen(&whole), None, "three tell nothing");
         of_pose.add(&half);
-        let told = of_pose.told();
+        let told = of_pose.told(SHOWN_MIN);
         let height_of = |sample: &Sample| told.height_seen(sample).unwrap();
         let nearly = |height: f32, expected: f32| (height - expected).abs() < 0.02;
         assert!(nearly(height_of(&whole), 1.0) && nearly(height_of(&half), 0.0), "{}", height_of(&half));
@@ -342,7 +350,7 @@ mod tests {
         let faint = showing(|distance| Some(0.1 * shade(8.0)(distance)));
         let mut of_pose = Samples::default();
         (0..4).for_each(|_| of_pose.add(&faint));
-        assert_eq!(of_pose.told().height_seen(&faint), None);
+        assert_eq!(of_pose.told(SHOWN_MIN).height_seen(&faint), None);
     }
 
     /// A rectangle of 4 x 2 mm.
@@ -387,7 +395,7 @@ mod tests {
             let fit = Fit { centre, yaw_rad, cost: 0.0, evidence: 1.0, amounts: [0.0; MODES] };
             let mut samples = Samples::default();
             samples.add(&Sample::new(&detector.segmentation, &view, &sought, &fit, |_| taken));
-            samples.shared(&alike(1.0, 0.0), 1).planes().0
+            samples.told(1).or(&alike(1.0, 0.0)).planes().0
         };
         // From so many cells beyond its edge on, in one direction.
         let column =

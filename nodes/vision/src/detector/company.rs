@@ -57,8 +57,7 @@ impl Detector {
                 let seen: Vec<Vec<Option<f32>>> = alike
                     .iter()
                     .filter_map(|(index, part)| {
-                        let own = u16::try_from(index + 1).unwrap_or(u16::MAX);
-                        let owners = Owners { of: &self.owners, own, beside_sigma: SHADE_SIGMA };
+                        let owners = self.owners_for(*index, SHADE_SIGMA);
                         let picture = sought.fitted(&sought.aspect(view, &part.fit), &part.fit.amounts);
                         residuals(&self.segmentation, view, sought, (&part.fit, &picture), &owners)
                     })
@@ -117,9 +116,7 @@ impl Detector {
                 other != index && (place - centre).norm() < radius_m + reach_m + shaded_m(self.height_m_max)
             };
             let alone = !places.iter().enumerate().any(close);
-            let own = u16::try_from(index + 1).unwrap_or(u16::MAX);
-            let beside_sigma = if alone { FREE_SIGMA } else { SHADE_SIGMA };
-            let owners = Owners { of: &self.owners, own, beside_sigma };
+            let owners = self.owners_for(index, if alone { FREE_SIGMA } else { SHADE_SIGMA });
             let belief = &beliefs[part.pose];
             if let Some(fit) = refine(&self.segmentation, view, sought, part.fit, &owners, belief, Fineness::Full) {
                 (part.first_cost, part.first_lead) = (part.fit.cost, part.lead);

@@ -17,7 +17,7 @@ use super::modes::{Belief, Light, SideAmounts};
 use super::search::{Search, Seed};
 use super::segment::{Plateau, Segmentation, TaughtLight, Uncovered};
 use super::sought::{SHADE_SIGMA, Sought, Turn};
-use super::surround::{Sample, Samples, Surround};
+use super::surround::{SHOWN_MIN, Sample, Samples, Surround, Told};
 use super::template::{PartModel, SIDES};
 use super::view::{RayTable, View};
 pub(super) use company::{ALIKE_MIN, belief_of_light};
@@ -62,7 +62,7 @@ pub(super) struct Found {
     pub lead_due: Option<f32>,
     /// How much of the template's fine detail is seen; `None` where it has too little to tell.
     pub detail_seen: Option<f32>,
-    /// How high it seems by its shade, as [`Surround::height_seen`] tells.
+    /// How high it seems by its shade, as [`Told::height_seen`] tells.
     pub height_seen: Option<f32>,
     /// Evidence for each texel.
     pub evidence_per_texel: f32,
@@ -249,20 +249,21 @@ impl Detector {
             }
         }
         let found = found.into_iter().enumerate().zip(kept).filter(|(_, kept)| *kept);
-        let (mut found, shades): (Vec<Found>, Vec<Sample>) =
-            found.map(|((index, part), _)| (part, self.shade(&view, &part, index + 1))).unzip();
+        let (mut found, shades): (Vec<Found>, Vec<Sample>) = found
+            .map(|((index, part), _)| (part, self.shade(&view, &part, &self.owners_for(index, SHADE_SIGMA))))
+            .unzip();
         let mut samples = vec![Samples::default(); self.sought.len()];
         found.iter().zip(&shades).for_each(|(part, shade)| samples[part.pose].add(shade));
-        let told: Vec<Surround> = samples.iter().map(Samples::told).collect();
+        let told: Vec<Told> = samples.into_iter().map(|samples| samples.told(SHOWN_MIN)).collect();
         for (part, shade) in found.iter_mut().zip(&shades) {
             part.height_seen = told[part.pose].height_seen(shade);
         }
         if self.light == Light::Any {
             let as_taught = self.light_is_as_taught(&view);
-            self.surrounds = samples
-                .into_iter()
+            self.surrounds = told
+                .iter()
                 .zip(&self.sought)
-                .map(|(samples, sought)| samples.of_frame(&sought.template.surround(), as_taught))
+                .map(|(told, sought)| told.of_frame(&sought.template.surround(), as_taught))
                 .collect();
         }
         Ok(found)
@@ -288,10 +289,14 @@ impl Detector {
         found
     }
 
-    /// What a part has round it; the pixels it covers are owned by `own`.
-    fn shade(&self, view: &View, part: &Found, own: usize) -> Sample {
-        let taken = |pixel: usize| self.owners[pixel] != 0 && usize::from(self.owners[pixel]) != own;
-        Sample::new(&self.segmentation, view, &self.sought[part.pose], &part.fit, taken)
+    /// Whose the pixels are, asked by the part found that stands at this index.
+    fn owners_for(&self, index: usize, beside_sigma: f32) -> Owners<'_> {
+        Owners { of: &self.owners, own: u16::try_from(index + 1).unwrap_or(u16::MAX), beside_sigma }
+    }
+
+    /// What a part has round it that is no other's.
+    fn shade(&self, view: &View, part: &Found, owners: &Owners) -> Sample {
+        Sample::new(&self.segmentation, view, &self.sought[part.pose], &part.fit, |pixel| owners.taken(pixel))
     }
 
     /// What a part has round it in the frame looked at last, whatever else lies there.
@@ -300,7 +305,7 @@ impl Detector {
         covered(&self.segmentation, view, &self.sought[part.pose], &part.fit, |pixel| own.push(self.owners[pixel]));
         own.sort_unstable();
         let own = own.chunk_by(|a, b| a == b).max_by_key(|run| run.len()).map_or(0, |run| run[0]);
-        self.shade(view, part, usize::from(own))
+        self.shade(view, part, &Owners { of: &self.owners, own, beside_sigma: SHADE_SIGMA })
     }
 
     /// The fit that a guess leads to by what is believed of parts.

@@ -103,7 +103,7 @@ impl Exam<'_> {
                 continue;
             }
             pose.miss_max = MISS_ALLOWANCE_RATIO * p98(misses).max(0.0) + MISS_ALLOWANCE;
-            let surround = samples.shared(&pose.surround(), SURROUND_SHOWN_MIN);
+            let surround = samples.told(SURROUND_SHOWN_MIN).or(&pose.surround());
             pose.set_surround(&surround);
         }
         Ok(())
