@@ -298,15 +298,15 @@ const BAD_SCENARIOS: &[Bad] = &[
     Bad {
         what: "a waveform the courier cannot follow",
         section: "waveform",
-        key: "limit_rad_s2",
-        new: "limit_rad_s2: 1400.0",
+        key: "a_max_rad_s2",
+        new: "a_max_rad_s2: 200.0\n  period_s: 0.4",
         said: &["waveform", "courier_yaw", "rad", "allowed is"],
     },
     Bad {
         what: "a waveform that cannot be",
         section: "waveform",
-        key: "period_s",
-        new: "period_s: 0",
+        key: "a_max_rad_s2",
+        new: "a_max_rad_s2: 200.0\n  period_s: 0",
         said: &["waveform", "period_s", "0", "above 0"],
     },
     Bad {

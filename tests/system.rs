@@ -30,9 +30,9 @@ fn parts_that_move_otherwise_than_computed_are_told_of() {
 
 #[test]
 fn parts_that_do_not_come_up_the_ramp_are_told_of() {
-    // Control believes half as much friction again as there is, and the waveform is designed for that: parts hardly climb.
+    // Control believes two fifths more friction than there is, and the waveform is designed for that: parts hardly climb.
     let mut scenario = Scenario::default();
-    scenario.believed.part_friction = Some(0.30);
+    scenario.believed.part_friction = Some(0.28);
     let outcome = Up::new("--duration 60 --composed").scenario(&scenario).success();
     assert!(outcome.stderr.contains(FEW_COME), "{}", outcome.stderr);
 }

@@ -134,7 +134,10 @@ fn a_run_is_shown_and_controlled() {
     let motion = viewer.until("a period of the waveform", |message| {
         message["type"] == "motion" && !message["commanded_velocity"].is_null()
     });
-    assert_eq!(motion["actual_acceleration"].as_array().unwrap().len(), 200);
+    let scenario = Scenario::default();
+    let ticks = scenario.waveform().unwrap().period_s() / scenario.courier.servo_period_s;
+    let sent = motion["actual_acceleration"].as_array().unwrap().len() as f64;
+    assert!((sent - ticks).abs() < 1e-6, "{sent} {ticks}");
     let picture = viewer.until("a picture with marks", |message| {
         message["type"] == "picture" && message["marks"].as_array().is_some_and(|marks| !marks.is_empty())
     });

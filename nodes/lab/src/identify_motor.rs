@@ -27,7 +27,7 @@ pub(crate) struct Args {
     /// How long the waveform runs, s; after half a second the excitation alone has been seen.
     #[arg(long, default_value_t = 3.0, value_parser = clap::value_parser!(f64))]
     duration: f64,
-    /// The built-in waveform at 10 Hz in place of the paper's at 30 Hz.
+    /// The built-in scenario's waveform in place of the paper's at 30 Hz.
     #[arg(long)]
     built_in: bool,
 }

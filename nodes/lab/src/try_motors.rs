@@ -79,7 +79,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let (motor, config) = base(args.scenario.as_deref())?;
     let trials = [
         ("paper, 30 Hz", FeedTrial::paper(config.servo_period_s)),
-        ("built-in, 10 Hz", FeedTrial::built_in(config.servo_period_s)),
+        ("optimal, 10 Hz", FeedTrial::optimal(config.servo_period_s)),
+        ("built-in", FeedTrial::built_in(config.servo_period_s)),
     ];
     let plants = match args.drawn {
         Some(count) => motors::drawn(motor, count, args.draw_seed),

@@ -88,6 +88,15 @@ fn with_part(folder: &Path, friction: f64, more: &str) -> PathBuf {
     file
 }
 
+/// Puts a waveform in the place of a scenario's own.
+fn run_waveform(file: &Path, waveform: &str) {
+    let mut scenario: Vec<String> = std::fs::read_to_string(file).unwrap().lines().map(str::to_owned).collect();
+    let begins = scenario.iter().position(|line| line == "waveform:").unwrap();
+    let ends = begins + 1 + scenario[begins + 1..].iter().position(|line| !line.starts_with(' ')).unwrap();
+    scenario.splice(begins + 1..ends, [format!("  {waveform}")]);
+    std::fs::write(file, scenario.join("\n")).unwrap();
+}
+
 #[test]
 fn moves_reckon_with_the_least_friction_that_the_part_may_have() {
     let folder = tempfile::tempdir().unwrap();
@@ -111,14 +120,14 @@ fn moves_reckon_with_the_least_friction_that_the_part_may_have() {
         std::fs::write(folder.path().join("bush.yaml"), part).unwrap();
         let (_, planner) = load_node::<DeliveryPlannerConfig>(Some(&file), None).unwrap();
         assert!((planner.delivery().gentle.friction - least).abs() < 1e-12, "{stated}: {planner:?}");
-        let (_, generator) = load_node::<WaveformGeneratorConfig>(Some(&file), None).unwrap();
-        let design = |friction: &str| {
-            let stated = format!("surface: ramp, friction: {friction}");
-            let text = std::fs::read_to_string(&file).unwrap().replace("surface: ramp", &stated.replace(", ", "\n  "));
-            std::fs::write(folder.path().join("stated.yaml"), text).unwrap();
-            load_node::<WaveformGeneratorConfig>(Some(&folder.path().join("stated.yaml")), None).unwrap().1.waveform
+        let waveform = |friction: &str| {
+            let optimal = "kind: optimal, period_s: 0.1, radius_m: 0.085, surface: ramp, limit_rad_s2: 130.0";
+            run_waveform(&file, &format!("{{ {optimal}{friction} }}"));
+            load_node::<WaveformGeneratorConfig>(Some(&file), None).unwrap().1.waveform
         };
-        assert_eq!(generator.waveform, design(&least.to_string()), "an optimal waveform is designed for it too");
+        let designed = waveform("");
+        assert_ne!(designed, waveform(", friction: 0.4"));
+        assert_eq!(designed, waveform(&format!(", friction: {least}")), "an optimal waveform is designed for it too");
     }
 }
 
@@ -128,11 +137,7 @@ fn a_stick_slip_is_designed_for_the_part_unless_its_values_are_stated() {
     let folder = tempfile::tempdir().unwrap();
     let plan = |friction: f64, stated: &str| {
         let file = with_part(folder.path(), friction, "");
-        let mut scenario: Vec<String> = std::fs::read_to_string(&file).unwrap().lines().map(str::to_owned).collect();
-        let begins = scenario.iter().position(|line| line == "waveform:").unwrap();
-        let ends = begins + 1 + scenario[begins + 1..].iter().position(|line| !line.starts_with(' ')).unwrap();
-        scenario.splice(begins + 1..ends, [format!("  {{ kind: stick_slip, a_max_rad_s2: 300.0{stated} }}")]);
-        std::fs::write(&file, scenario.join("\n")).unwrap();
+        run_waveform(&file, &format!("{{ kind: stick_slip, a_max_rad_s2: 300.0{stated} }}"));
         load_plan(Some(&file)).map_err(|error| error.to_string())
     };
     let stated = ", a_min_rad_s2: 15.0, period_s: 0.17";
@@ -258,19 +263,20 @@ fn what_control_believes_of_a_motor_is_about_a_tenth_off() {
 #[test]
 fn the_planner_knows_how_fast_the_plateau_should_feed() {
     let folder = tempfile::tempdir().unwrap();
-    let rate_rad_s = |believed: &str| {
+    let feed = |believed: &str| {
         let file = with_part(folder.path(), 0.2, believed);
         let (_, planner) = load_node::<DeliveryPlannerConfig>(Some(&file), None).unwrap();
-        let feed = &planner.recipes[0].plateau_feed;
-        assert!((planner.recipes[0].period_s - 0.1).abs() < 1e-12);
+        let (period_s, feed) = (planner.recipes[0].period_s, &planner.recipes[0].plateau_feed);
         assert!(feed.is_sorted_by(|inner, outer| inner.radius_m < outer.radius_m) && feed.len() > 10, "{feed:?}");
         let at = |rate: &&FeedRate| (rate.radius_m - 0.085).abs() < 1e-6;
-        feed.iter().find(at).unwrap().rate_rad_s
+        (period_s, feed.iter().find(at).unwrap().rate_rad_s)
     };
-    // 0.28552 rad/s at 85 mm, as `feeder-lab tray-map` has it.
-    assert!((rate_rad_s("") - 0.28552).abs() < 1e-4, "{}", rate_rad_s(""));
+    // 0.32138 rad/s at 85 mm, as `feeder-lab tray-map` has it.
+    let (period_s, rate_rad_s) = feed("");
+    assert!((period_s - 0.191).abs() < 1e-12 && (rate_rad_s - 0.32138).abs() < 1e-4, "{period_s} {rate_rad_s}");
     // It is what is believed of the friction that counts, for which the waveform is designed too.
-    assert!(rate_rad_s("believed: { part_friction: 0.3 }\n") > 0.35);
+    let (period_s, rate_rad_s) = feed("believed: { part_friction: 0.25 }\n");
+    assert!(period_s < 0.18 && rate_rad_s > 0.35, "{period_s} {rate_rad_s}");
 }
 
 #[test]

@@ -7,9 +7,9 @@ use feeder_model::gravity::STANDARD_GRAVITY_M_S2;
 use feeder_model::mechanics::Friction;
 use feeder_model::mechanics::annular::{AnnularTrack, PartState};
 use feeder_model::motion::MotionSample;
-use feeder_model::tray::TrayGeometry;
+use feeder_model::tray::{Surface, TrayGeometry};
 use feeder_model::waveform::{Axis, Waveform};
-use feeder_scenario::{Scenario, SimulatedCourier, SimulatedDriver};
+use feeder_scenario::{Scenario, SimulatedCourier, SimulatedDriver, WaveformSpec};
 
 /// Coefficient of friction of the parts.
 const FRICTION: f64 = 0.2;
@@ -56,6 +56,21 @@ impl FeedTrial {
     pub fn paper(period_s: f64) -> Self {
         let mu_g = FRICTION * STANDARD_GRAVITY_M_S2;
         Self::of(Waveform::stick_slip(Axis::Yaw, 1.0 / 30.0, 9.0 * mu_g, 66.7 * mu_g).expect("in range"), period_s)
+    }
+
+    /// The trial of the same tray and parts with the fastest waveform of 10 Hz for the ramp, designed for the least friction that
+    /// is believed possible: the one that `launch_configs/blocks.yaml` runs.
+    #[must_use]
+    #[expect(clippy::expect_used, reason = "the values are in range")]
+    pub fn optimal(period_s: f64) -> Self {
+        let waveform = WaveformSpec::Optimal {
+            period_s: 0.1,
+            radius_m: 0.085,
+            surface: Surface::Ramp,
+            friction: None,
+            limit_rad_s2: 130.0,
+        };
+        Self::of(Scenario { waveform, ..Scenario::default() }.waveform().expect("in range"), period_s)
     }
 
     /// The trial of the same tray and parts with the waveform that the built-in scenario runs: designed for the least friction that is
@@ -165,8 +180,11 @@ impl FeedTrial {
         (0..self.ticks(STRETCH_S)).map(sample).collect()
     }
 
-    /// Lets parts settle on one stretch of motion and measures their speed along ramp and plateau over another, m/s.
+    /// Lets parts settle on one stretch of motion and measures their speed along ramp and plateau over another, m/s: over as many
+    /// whole periods as it holds, as parts go by jerks.
     fn feed_m_s(&self, settle: &[MotionSample], over: &[MotionSample]) -> [f64; 2] {
+        let periods = over.len() as f64 * self.period_s / self.waveform.period_s();
+        let over = &over[..self.ticks((periods + 1e-9).floor() * self.waveform.period_s())];
         let slope_cos = TrayGeometry::PAPER.ramp_slope_rad(self.radius_m).cos();
         let mut index = 0;
         START_RAD.map(|start_rad| {

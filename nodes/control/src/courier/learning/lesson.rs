@@ -47,6 +47,8 @@ pub(super) struct Lesson {
     disturbed: f64,
     /// How the tray swings, if it does.
     mode: Option<TrayMode>,
+    /// Windows in a row that found it so.
+    mode_windows: u32,
     watch: Watch,
 }
 
@@ -86,6 +88,9 @@ impl Lesson {
     const PROBE: f64 = 0.1;
     /// Windows after which a mode is looked for.
     const MODE_UPDATES: u32 = 2;
+    /// Windows in a row that must find one before it is spoken of. With a long period there are only a few of them in the first
+    /// seconds of feeding.
+    const MODE_WINDOWS: u32 = 2;
     /// An answer known better than this, relative, has been measured.
     const MEASURED: f64 = 0.03;
     /// Errors of a plant's answer when a mode is looked for: of all, relative, and as a share of the acceleration's rms over
@@ -151,6 +156,7 @@ impl Lesson {
             updates: 0,
             disturbed: 0.0,
             mode: None,
+            mode_windows: 0,
             watch: Watch::new(position.len()),
             position,
         };
@@ -370,6 +376,7 @@ impl Lesson {
                 Ratio { omega_rad_s: seen.omega_rad_s, ratio: product / square / rigid, deviation }
             });
         self.mode = TrayMode::fit(&ratios.collect::<Vec<_>>(), known);
+        self.mode_windows = if self.mode.is_some() { self.mode_windows.saturating_add(1) } else { 0 };
         if let Some(mode) = self.mode.filter(|_| !known) {
             for (harmonics, seen) in self.harmonics.iter_mut().zip(seen) {
                 let harmonic = &mut harmonics[self.axis];
@@ -386,8 +393,9 @@ impl Lesson {
         self.disturbed
     }
 
-    pub(super) fn mode(&self) -> Option<&TrayMode> {
-        self.mode.as_ref()
+    /// How the tray swings, once enough windows in a row have found it so.
+    pub(super) fn sure_mode(&self) -> Option<&TrayMode> {
+        self.mode.as_ref().filter(|_| self.mode_windows >= Self::MODE_WINDOWS)
     }
 
     pub(super) fn updates(&self) -> u32 {

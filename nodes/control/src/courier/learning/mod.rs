@@ -333,13 +333,14 @@ impl Learner {
         if watch.is_given_up() {
             return Some(LearningWarning::GivenUp { velocity_error });
         }
+        let resonance =
+            lesson.sure_mode().map(|mode| LearningWarning::Resonance { frequency_hz: mode.omega_rad_s() / TAU });
         if watch.windows() < Self::TRUSTED_UPDATES {
-            return None;
+            return resonance;
         }
         if velocity_error > Self::FOLLOWED {
             return Some(LearningWarning::NotFollowed { velocity_error });
         }
-        let resonance = lesson.mode().map(|mode| LearningWarning::Resonance { frequency_hz: mode.omega_rad_s() / TAU });
         let share = lesson.disturbed();
         resonance.or((share > Self::PLAUSIBLE).then_some(LearningWarning::Implausible { share }))
     }
