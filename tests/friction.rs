@@ -7,6 +7,8 @@ use feeder_scenario::{PlacedPart, Scenario};
 
 use crate::common::Up;
 
+/// What the planner says of a slip.
+const GENTLER: &str = "moves reckon with a friction of";
 /// What counts as no slip, m.
 const GENTLE_SLIP_M: f64 = 10e-6;
 
@@ -37,6 +39,18 @@ fn at_the_edge_of_what_friction_may_be_parts_are_carried_without_sliding() {
     assert!(outcome.number("delivered") >= 3.0, "{}", outcome.summary());
     assert!(outcome.number("max_slip_m") < GENTLE_SLIP_M, "{}", outcome.summary());
     assert_eq!(outcome.summary()["failed"].as_object().unwrap().len(), 0, "{}", outcome.summary());
+    assert!(!outcome.stderr.contains(GENTLER), "{}", outcome.stderr);
+}
+
+/// Nobody tells control that parts slide: it sees that they are not where they should be.
+#[test]
+fn moves_are_gentler_until_parts_with_less_friction_than_they_may_have_do_not_slide_any_more() {
+    let mut scenario = at_rest(0.75);
+    scenario.stations[0].manipulator.goals_open = 1;
+    let outcome = Up::new("--duration 40 --composed").scenario(&scenario).success();
+    assert!(outcome.stderr.contains(GENTLER), "{}", outcome.stderr);
+    // Under 0.18 they slide, for ever if that stays so.
+    assert!(outcome.number("delivered") >= 3.0, "{}", outcome.summary());
 }
 
 /// What lies below slides. Where the camera sees the station that is found out before the part is presented, elsewhere by a

@@ -323,7 +323,10 @@ impl DeliveryPlanner {
             Phase::Reserving => (Condition::AwaitsArea, format!("for {station}")),
             Phase::Purging => (Condition::Purging, String::new()),
             // What may be wrong with the feed is said before no part comes.
-            _ => (Condition::AtWork, self.sequencer.feed_trouble().unwrap_or_default()),
+            _ => {
+                let said = self.sequencer.feed_trouble().or_else(|| self.sequencer.slid());
+                (Condition::AtWork, said.unwrap_or_default())
+            }
         }
     }
 }

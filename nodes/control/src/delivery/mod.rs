@@ -5,7 +5,8 @@
 //! motion. The [`choice`] of parts works on what the vision selector saw and on where parts will come to rest (`drift`),
 //! and a [`tour`] brings several stations their parts on one trip. The [`DeliverySequencer`] strings it together: feed,
 //! stop, settle, look, reserve, move, present, return. While it feeds, `feed_watch` compares how parts move with how the
-//! waveform should move them, and `arrival_watch` how many come with how many should.
+//! waveform should move them, and `arrival_watch` how many come with how many should; `slip_watch` tells when they slide on
+//! a trip.
 
 mod arrival_watch;
 pub mod choice;
@@ -24,6 +25,7 @@ mod profile;
 mod protocol;
 mod request;
 mod sequencer;
+mod slip_watch;
 mod surroundings;
 pub mod tour;
 
@@ -38,4 +40,5 @@ pub use planner::MovePlanner;
 pub use protocol::{CourierReport, Delivered, Failure, HandOver, Output, Phase, Refusal, Warning};
 pub use request::{DeliveryId, DeliveryRequest, LeaseAnswer, MoveId, ReserveId, Stamp};
 pub use sequencer::DeliverySequencer;
+pub use slip_watch::Slip;
 pub use surroundings::{Surroundings, Tether};

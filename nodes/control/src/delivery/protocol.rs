@@ -9,6 +9,7 @@ use super::choice::Choice;
 use super::plan::MovePlan;
 use super::plan_error::PlanError;
 use super::request::{DeliveryId, MoveId, ReserveId, Stamp};
+use super::slip_watch::Slip;
 use crate::platen::Area;
 
 pub use feeder_model::delivery::{HandOver, Phase};
@@ -165,6 +166,19 @@ pub enum Warning {
         /// Parts that come over those to be expected.
         share: f64,
     },
+    /// Parts slide on trips: moves are made gentler.
+    #[error("{slip}: moves reckon with a friction of {friction:.3} from now on, in place of {believed:.3}")]
+    Slid {
+        /// What tells so.
+        slip: Slip,
+        /// Coefficient of friction that moves reckoned with.
+        believed: f64,
+        /// The one that they reckon with from now on.
+        friction: f64,
+    },
+    /// Parts slide on trips although moves are as gentle as they can be.
+    #[error("{0}, and moves are as gentle as they get")]
+    SlidAllTheSame(Slip),
     /// The courier stands still while it should feed.
     #[error(
         "the tray does not vibrate although feeding is on: is the waveform generator active, was the courier halted?"

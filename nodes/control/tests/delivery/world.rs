@@ -35,6 +35,8 @@ pub(crate) struct Faults {
     pub(crate) part_falls: bool,
     /// The chosen part lies on its other face when the courier moves.
     pub(crate) part_turns: bool,
+    /// All parts slide by 0.2 mm in every move.
+    pub(crate) parts_slide: bool,
 }
 
 /// A part on the plateau.
@@ -211,6 +213,9 @@ impl World {
                 }
                 if self.faults.part_turns {
                     self.parts.iter_mut().for_each(|part| part.pose_class = "face_down");
+                }
+                if self.faults.parts_slide {
+                    self.parts.iter_mut().for_each(|part| part.position_in_tray_m.x += 0.2e-3);
                 }
                 match self.driver.execute(1, &plan.trajectory()) {
                     Ok(goal) => drop(self.moves.insert(goal, id)),

@@ -6,11 +6,13 @@ use std::time::Duration;
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 use super::super::choice::{OfferedPart, protected_parts};
+use super::super::config::Policy;
 use super::super::leases::Trip;
 use super::super::plan::MovePlan;
 use super::super::plan_error::PlanError;
 use super::super::protocol::{Delivered, Failure, HandOver, Output, Warning};
 use super::super::request::{DeliveryId, MoveId, Stamp};
+use super::super::slip_watch::Slip;
 use super::super::tour::Stop;
 use super::{DeliverySequencer, Planned, SequencerState, late, mean_s};
 use crate::platen::{Area, segment_distance_m};
@@ -20,8 +22,14 @@ use feeder_model::part::Refusals;
 type Route = Vec<Vector2<f64>>;
 
 impl DeliverySequencer {
+    /// Friction that moves reckon with after parts have slid, over that before.
+    const GENTLER: f64 = 0.9;
+    /// The least, over that which was believed at first.
+    const LEAST_FRICTION: f64 = 0.5;
+
     /// Asks for the area of a trip, and goes when it is granted.
     pub(super) fn depart(&mut self, now: Stamp, stops: VecDeque<Stop>) -> bool {
+        self.slip_watch.depart(self.frame.as_ref());
         let stands: Vec<Vector3<f64>> = stops.iter().map(|stop| stop.choice.courier).collect();
         let count = stops.len() as f64;
         let (routes, moves_s) = match self.routes(&stands) {
@@ -263,6 +271,11 @@ impl DeliverySequencer {
             }
             (Some(report), _) => {
                 let taken = Some(report == HandOver::Taken);
+                if report != HandOver::Released
+                    && let Some(slip) = self.slip_watch.hand_over(report == HandOver::Taken)
+                {
+                    self.make_gentler(slip);
+                }
                 let deadline = now + Duration::from_secs_f64(self.config.hand_over_timeout_s);
                 self.state = SequencerState::Presented { stops, delivered, since, deadline, taken };
                 true
@@ -349,6 +362,30 @@ impl DeliverySequencer {
     fn come_home(&mut self) -> bool {
         self.leases.end_trip(&mut self.outputs);
         self.enter(SequencerState::Idle, None)
+    }
+
+    /// Makes moves gentler from now on, and says so.
+    pub(super) fn make_gentler(&mut self, slip: Slip) {
+        let believed = self.planner.friction();
+        let friction = (Self::GENTLER * believed).max(self.friction_min());
+        let lowered = friction < believed && self.planner.believe_friction(friction).is_ok();
+        let warning = if lowered { Warning::Slid { slip, believed, friction } } else { Warning::SlidAllTheSame(slip) };
+        if lowered || !matches!(self.slid, Some(Warning::SlidAllTheSame(_))) {
+            self.outputs.push(Output::Warning(warning.clone()));
+        }
+        self.slid = Some(warning);
+    }
+
+    /// The least friction that moves may reckon with: with less there is no move that holds parts on the ramp, or it takes for ever.
+    fn friction_min(&self) -> f64 {
+        let least = Self::LEAST_FRICTION * self.config.gentle.friction;
+        match self.config.policy {
+            Policy::Selected => least,
+            Policy::All => {
+                let slope_rad = self.planner.tray().ramp_slope_rad(self.config.protected_ramp_radius_m);
+                least.max(slope_rad.tan() / Self::GENTLER)
+            }
+        }
     }
 
     fn return_failed(&mut self, now: Stamp, failures: u32, reason: String) -> bool {

@@ -202,6 +202,9 @@ impl DeliverySequencer {
             return late(now, seen.unwrap_or(since), self.config.look_timeout_s) && self.fail(now, Failure::NoImage);
         };
         self.drift.rest(&frame);
+        if let Some(slip) = self.slip_watch.arrive(&frame) {
+            self.make_gentler(slip);
+        }
         if let Some(stops) = self.choose() {
             if let Some(stopped) = self.stopped.take() {
                 self.overheads.stop_s = mean_s(self.overheads.stop_s, stopped, now);

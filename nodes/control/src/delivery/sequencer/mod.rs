@@ -18,6 +18,7 @@ use super::leases::Leases;
 use super::planner::MovePlanner;
 use super::protocol::{CourierReport, Delivered, Failure, HandOver, Output, Phase, Warning};
 use super::request::{DeliveryId, DeliveryRequest, MoveId, Stamp};
+use super::slip_watch::SlipWatch;
 use super::tour::{Open, Overheads, Stop};
 use crate::courier::CourierLimits;
 use crate::platen::Area;
@@ -164,6 +165,9 @@ pub struct DeliverySequencer {
     courier_told: BTreeMap<String, Stamp>,
     /// Since when the courier has neither moved nor vibrated.
     rest_since: Option<Stamp>,
+    slip_watch: SlipWatch,
+    /// What was said last of parts that slid.
+    slid: Option<Warning>,
     move_ended: Option<(MoveId, Result<(), String>)>,
     hand_over: VecDeque<HandOver>,
     outputs: Vec<Output>,
@@ -223,6 +227,8 @@ impl DeliverySequencer {
             courier_warning: None,
             courier_told: BTreeMap::new(),
             rest_since: None,
+            slip_watch: SlipWatch::default(),
+            slid: None,
             move_ended: None,
             hand_over: VecDeque::new(),
             outputs: Vec::new(),
@@ -370,6 +376,9 @@ impl DeliverySequencer {
     }
 
     fn feed(&mut self, on: bool) {
+        if on {
+            self.slip_watch.forget();
+        }
         if self.feed_on != Some(on) {
             self.feed_on = Some(on);
             self.outputs.push(Output::Feed(on));
@@ -462,6 +471,12 @@ impl DeliverySequencer {
     fn at_feeding_place(&self, report: &CourierReport) -> bool {
         let offset: Vector3<f64> = report.position - self.config.feeding_place;
         offset.xy().norm() <= Self::ARRIVED_M
+    }
+
+    /// Why moves are gentler than what was believed of the friction would have them, if they are.
+    #[must_use]
+    pub fn slid(&self) -> Option<String> {
+        self.slid.as_ref().map(Warning::to_string)
     }
 
     /// Where the courier parks.
