@@ -89,7 +89,7 @@ fn with_part(folder: &Path, friction: f64, more: &str) -> PathBuf {
 }
 
 /// Puts a waveform in the place of a scenario's own.
-fn run_waveform(file: &Path, waveform: &str) {
+fn put_waveform(file: &Path, waveform: &str) {
     let mut scenario: Vec<String> = std::fs::read_to_string(file).unwrap().lines().map(str::to_owned).collect();
     let begins = scenario.iter().position(|line| line == "waveform:").unwrap();
     let ends = begins + 1 + scenario[begins + 1..].iter().position(|line| !line.starts_with(' ')).unwrap();
@@ -122,7 +122,7 @@ fn moves_reckon_with_the_least_friction_that_the_part_may_have() {
         assert!((planner.delivery().gentle.friction - least).abs() < 1e-12, "{stated}: {planner:?}");
         let waveform = |friction: &str| {
             let optimal = "kind: optimal, period_s: 0.1, radius_m: 0.085, surface: ramp, limit_rad_s2: 130.0";
-            run_waveform(&file, &format!("{{ {optimal}{friction} }}"));
+            put_waveform(&file, &format!("{{ {optimal}{friction} }}"));
             load_node::<WaveformGeneratorConfig>(Some(&file), None).unwrap().1.waveform
         };
         let designed = waveform("");
@@ -137,7 +137,7 @@ fn a_stick_slip_is_designed_for_the_part_unless_its_values_are_stated() {
     let folder = tempfile::tempdir().unwrap();
     let plan = |friction: f64, stated: &str| {
         let file = with_part(folder.path(), friction, "");
-        run_waveform(&file, &format!("{{ kind: stick_slip, a_max_rad_s2: 300.0{stated} }}"));
+        put_waveform(&file, &format!("{{ kind: stick_slip, a_max_rad_s2: 300.0{stated} }}"));
         load_plan(Some(&file)).map_err(|error| error.to_string())
     };
     let stated = ", a_min_rad_s2: 15.0, period_s: 0.17";
