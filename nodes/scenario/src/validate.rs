@@ -1,6 +1,5 @@
 //! What a scenario must hold to make sense: every value in its range, and values that go with each other.
 
-use feeder_control::delivery::Policy;
 use feeder_model::part::PartType;
 use feeder_model::range::{OutOfRange, check_range};
 use feeder_vision::{PartModel, Selector, UNSEEN_MS_MAX};
@@ -73,14 +72,14 @@ impl Scenario {
     /// station, however gentle.
     fn validate_held(&self, part: &PartType) -> Result<(), ScenarioError> {
         let from_m = self.delivery.protected_ramp_radius_m;
-        let slope = self.tray.geometry.ramp_slope_rad(from_m).tan();
+        let at_rest = self.delivery.friction_at_rest(&self.tray.geometry);
         let friction_min = self.believed_friction_min(part);
-        if self.stations.is_empty() || self.delivery.policy == Policy::Selected || friction_min > slope {
+        if self.stations.is_empty() || friction_min > at_rest {
             return Ok(());
         }
         let problem = format!(
             "policy: all holds parts on the ramp from protected_ramp_radius_m = {from_m} on, and those slide there: the least \
-             friction of the part is {friction_min:.4}, allowed is above {slope:.4}; policy: selected does not hold them"
+             friction of the part is {friction_min:.4}, allowed is above {at_rest:.4}; policy: selected does not hold them"
         );
         Err(ScenarioError::Invalid { section: "delivery", problem })
     }

@@ -11,6 +11,7 @@ use super::gentle::GentleParameters;
 use super::surroundings::{Surroundings, Tether};
 use crate::platen::Area;
 use feeder_model::range::{OutOfRange, check_range, check_ranges};
+use feeder_model::tray::TrayGeometry;
 
 /// Which parts a move must not disturb.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -164,6 +165,15 @@ impl DeliveryConfig {
             corner_m: self.corner_m,
             keep_out: self.keep_out.clone(),
             tether: self.tether,
+        }
+    }
+
+    /// Coefficient of friction above which a tray at rest holds the parts on the ramp that moves must not disturb.
+    #[must_use]
+    pub fn friction_at_rest(&self, tray: &TrayGeometry) -> f64 {
+        match self.policy {
+            Policy::Selected => 0.0,
+            Policy::All => tray.ramp_slope_rad(self.protected_ramp_radius_m).tan(),
         }
     }
 

@@ -55,23 +55,6 @@ impl MovePlanner {
         Self { reached_m: self.around.reached_m(home.xy(), may_stand), ..self }
     }
 
-    /// The coefficient of friction that moves reckon with.
-    #[must_use]
-    pub fn friction(&self) -> f64 {
-        self.gentle.friction
-    }
-
-    /// Reckons with another coefficient of friction from now on.
-    ///
-    /// # Errors
-    /// One out of its range.
-    pub fn believe_friction(&mut self, friction: f64) -> Result<(), OutOfRange> {
-        let gentle = GentleParameters { friction, ..self.gentle };
-        gentle.validate()?;
-        self.gentle = gentle;
-        Ok(())
-    }
-
     /// The tray that is moved.
     #[must_use]
     pub fn tray(&self) -> &TrayGeometry {

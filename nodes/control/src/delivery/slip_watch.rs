@@ -8,6 +8,7 @@
 use std::fmt;
 
 use super::choice::{CandidateFrame, OfferedPart};
+use super::protocol::Warning;
 
 /// What tells that parts slid.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,8 +31,11 @@ impl fmt::Display for Slip {
 /// Compares how parts lie before and after a trip, and counts those that are not taken.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SlipWatch {
-    before: Option<CandidateFrame>,
+    /// As they lay when the trip under way began.
+    before: Vec<OfferedPart>,
     not_taken: u32,
+    /// What was said last.
+    said: Option<Warning>,
 }
 
 impl SlipWatch {
@@ -41,25 +45,25 @@ impl SlipWatch {
     const NOT_TAKEN: u32 = 2;
 
     /// A trip begins with parts that lie so.
-    pub(super) fn depart(&mut self, frame: Option<&CandidateFrame>) {
-        self.before = frame.cloned();
+    pub(super) fn depart(&mut self, parts: &[OfferedPart]) {
+        self.before = parts.to_vec();
     }
 
     /// Parts are moved on purpose.
     pub(super) fn forget(&mut self) {
-        self.before = None;
+        self.before.clear();
     }
 
     /// Whether the parts that were there before the trip have slid, once at its end.
     pub(super) fn arrive(&mut self, after: &CandidateFrame) -> Option<Slip> {
-        let before = self.before.take()?;
+        let before = std::mem::take(&mut self.before);
         let moved_m = |part: &OfferedPart| {
             let distance_m = |other: &OfferedPart| (other.position_in_tray_m - part.position_in_tray_m).norm();
             // The place of one that was taken is no nearer to another than parts can be.
             let nearest_m = after.candidates.iter().map(distance_m).fold(f64::INFINITY, f64::min);
             (nearest_m < part.radius_m).then_some(nearest_m)
         };
-        let mut moved_m: Vec<f64> = before.candidates.iter().filter_map(moved_m).collect();
+        let mut moved_m: Vec<f64> = before.iter().filter_map(moved_m).collect();
         moved_m.sort_by(f64::total_cmp);
         // Of two the one that moved less: a single part may have been pushed.
         let middle_m = *moved_m.get(moved_m.len().checked_sub(1)? / 2)?;
@@ -70,6 +74,19 @@ impl SlipWatch {
     pub(super) fn hand_over(&mut self, taken: bool) -> Option<Slip> {
         self.not_taken = if taken { 0 } else { self.not_taken + 1 };
         (self.not_taken >= Self::NOT_TAKEN).then(|| Slip::NotTaken(std::mem::take(&mut self.not_taken)))
+    }
+
+    /// Notes what is to be said of a slip, and tells whether it is news.
+    pub(super) fn is_news(&mut self, warning: &Warning) -> bool {
+        let same = |said: &Warning| matches!((said, warning), (Warning::SlidAllTheSame(_), Warning::SlidAllTheSame(_)));
+        let is_news = !self.said.as_ref().is_some_and(same);
+        self.said = Some(warning.clone());
+        is_news
+    }
+
+    /// What was said last.
+    pub(super) fn said(&self) -> Option<&Warning> {
+        self.said.as_ref()
     }
 }
 
@@ -86,7 +103,7 @@ mod tests {
 
     fn slid_m(before: &[(f64, f64)], after: &[(f64, f64)]) -> Option<f64> {
         let mut watch = SlipWatch::default();
-        watch.depart(Some(&frame(before)));
+        watch.depart(&frame(before).candidates);
         let slip = watch.arrive(&frame(after));
         assert_eq!(watch.arrive(&frame(after)), None, "once");
         slip.map(|slip| match slip {
@@ -120,7 +137,7 @@ mod tests {
     #[test]
     fn what_is_moved_on_purpose_has_not_slid() {
         let mut watch = SlipWatch::default();
-        watch.depart(Some(&frame(&[(0.0, -0.07)])));
+        watch.depart(&frame(&[(0.0, -0.07)]).candidates);
         watch.forget();
         assert_eq!(watch.arrive(&frame(&[(0.0, -0.069)])), None);
     }

@@ -8,6 +8,7 @@ mod moves;
 mod rules;
 mod sequences;
 mod shared_platen;
+mod slips;
 mod stopping;
 mod ways;
 mod world;

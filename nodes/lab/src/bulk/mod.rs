@@ -16,10 +16,11 @@ use feeder_model::geometry::{RawMesh, ShapeSpec};
 use feeder_model::motion::{MotionBlock, MotionSample};
 use feeder_model::part::{PartSpec, PartType};
 use feeder_model::range::OutOfRange;
-use feeder_model::tray::Surface;
 use feeder_model::waveform::Waveform;
 use feeder_scenario::{Scenario, WaveformSpec};
 use nalgebra::Vector3;
+
+use crate::experiment::feed::optimal_10_hz;
 
 /// Servo period, s.
 const SAMPLE_S: f64 = 5e-4;
@@ -121,16 +122,7 @@ fn waveforms(part: &PartType) -> [(&'static str, WaveformSpec); 3] {
             "stick-slip, 5.9 Hz",
             WaveformSpec::StickSlip { period_s: Some(0.17), a_min_rad_s2: Some(15.0), a_max_rad_s2: 300.0 },
         ),
-        (
-            "optimal, 10 Hz",
-            WaveformSpec::Optimal {
-                period_s: 0.1,
-                radius_m: 0.085,
-                surface: Surface::Ramp,
-                friction: Some(0.9 * part.friction.kinetic_coefficient()),
-                limit_rad_s2: 130.0,
-            },
-        ),
+        ("optimal, 10 Hz", optimal_10_hz(Some(0.9 * part.friction.kinetic_coefficient()))),
     ]
 }
 

@@ -25,6 +25,12 @@ fn run(driver: &mut SimulatedDriver, ticks: usize) -> Vec<MotionSample> {
     driver.motor_mut().take_block().samples
 }
 
+/// The fastest waveform of 10 Hz on the ramp near the outer wall, for this friction or the least that is believed possible.
+#[must_use]
+pub fn optimal_10_hz(friction: Option<f64>) -> WaveformSpec {
+    WaveformSpec::Optimal { period_s: 0.1, radius_m: 0.085, surface: Surface::Ramp, friction, limit_rad_s2: 130.0 }
+}
+
 /// What is fed, and by which waveform.
 #[derive(Clone, Debug)]
 pub struct FeedTrial {
@@ -63,14 +69,10 @@ impl FeedTrial {
     #[must_use]
     #[expect(clippy::expect_used, reason = "the values are in range")]
     pub fn optimal(period_s: f64) -> Self {
-        let waveform = WaveformSpec::Optimal {
-            period_s: 0.1,
-            radius_m: 0.085,
-            surface: Surface::Ramp,
-            friction: None,
-            limit_rad_s2: 130.0,
-        };
-        Self::of(Scenario { waveform, ..Scenario::default() }.waveform().expect("in range"), period_s)
+        Self::of(
+            Scenario { waveform: optimal_10_hz(None), ..Scenario::default() }.waveform().expect("in range"),
+            period_s,
+        )
     }
 
     /// The trial of the same tray and parts with the waveform that the built-in scenario runs: designed for the least friction that is

@@ -6,7 +6,6 @@ use std::time::Duration;
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 use super::super::choice::{OfferedPart, protected_parts};
-use super::super::config::Policy;
 use super::super::leases::Trip;
 use super::super::plan::MovePlan;
 use super::super::plan_error::PlanError;
@@ -29,7 +28,7 @@ impl DeliverySequencer {
 
     /// Asks for the area of a trip, and goes when it is granted.
     pub(super) fn depart(&mut self, now: Stamp, stops: VecDeque<Stop>) -> bool {
-        self.slip_watch.depart(self.frame.as_ref());
+        self.slip_watch.depart(self.frame.as_ref().map_or(&[], |frame| &frame.candidates));
         let stands: Vec<Vector3<f64>> = stops.iter().map(|stop| stop.choice.courier).collect();
         let count = stops.len() as f64;
         let (routes, moves_s) = match self.routes(&stands) {
@@ -364,27 +363,26 @@ impl DeliverySequencer {
         self.enter(SequencerState::Idle, None)
     }
 
-    /// Makes moves gentler from now on, and says so.
-    pub(super) fn make_gentler(&mut self, slip: Slip) {
-        let believed = self.planner.friction();
-        let friction = (Self::GENTLER * believed).max(self.friction_min());
-        let lowered = friction < believed && self.planner.believe_friction(friction).is_ok();
-        let warning = if lowered { Warning::Slid { slip, believed, friction } } else { Warning::SlidAllTheSame(slip) };
-        if lowered || !matches!(self.slid, Some(Warning::SlidAllTheSame(_))) {
-            self.outputs.push(Output::Warning(warning.clone()));
-        }
-        self.slid = Some(warning);
+    /// Why moves are gentler than what was believed of the friction would have them, if they are.
+    #[must_use]
+    pub fn slid(&self) -> Option<String> {
+        self.slip_watch.said().map(Warning::to_string)
     }
 
-    /// The least friction that moves may reckon with: with less there is no move that holds parts on the ramp, or it takes for ever.
-    fn friction_min(&self) -> f64 {
-        let least = Self::LEAST_FRICTION * self.config.gentle.friction;
-        match self.config.policy {
-            Policy::Selected => least,
-            Policy::All => {
-                let slope_rad = self.planner.tray().ramp_slope_rad(self.config.protected_ramp_radius_m);
-                least.max(slope_rad.tan() / Self::GENTLER)
-            }
+    /// Makes moves gentler from now on, and says so.
+    pub(super) fn make_gentler(&mut self, slip: Slip) {
+        let believed = self.planner.gentle.friction;
+        // With less there is no move that holds parts on the ramp, or it takes for ever.
+        let at_rest = self.config.friction_at_rest(&self.planner.tray) / Self::GENTLER;
+        let friction = (Self::GENTLER * believed).max(Self::LEAST_FRICTION * self.config.gentle.friction).max(at_rest);
+        let warning = if friction < believed {
+            self.planner.gentle.friction = friction;
+            Warning::Slid { slip, believed, friction }
+        } else {
+            Warning::SlidAllTheSame(slip)
+        };
+        if self.slip_watch.is_news(&warning) {
+            self.outputs.push(Output::Warning(warning));
         }
     }
 

@@ -166,8 +166,6 @@ pub struct DeliverySequencer {
     /// Since when the courier has neither moved nor vibrated.
     rest_since: Option<Stamp>,
     slip_watch: SlipWatch,
-    /// What was said last of parts that slid.
-    slid: Option<Warning>,
     move_ended: Option<(MoveId, Result<(), String>)>,
     hand_over: VecDeque<HandOver>,
     outputs: Vec<Output>,
@@ -228,7 +226,6 @@ impl DeliverySequencer {
             courier_told: BTreeMap::new(),
             rest_since: None,
             slip_watch: SlipWatch::default(),
-            slid: None,
             move_ended: None,
             hand_over: VecDeque::new(),
             outputs: Vec::new(),
@@ -376,11 +373,9 @@ impl DeliverySequencer {
     }
 
     fn feed(&mut self, on: bool) {
-        if on {
-            self.slip_watch.forget();
-        }
         if self.feed_on != Some(on) {
             self.feed_on = Some(on);
+            self.slip_watch.forget();
             self.outputs.push(Output::Feed(on));
         }
     }
@@ -471,12 +466,6 @@ impl DeliverySequencer {
     fn at_feeding_place(&self, report: &CourierReport) -> bool {
         let offset: Vector3<f64> = report.position - self.config.feeding_place;
         offset.xy().norm() <= Self::ARRIVED_M
-    }
-
-    /// Why moves are gentler than what was believed of the friction would have them, if they are.
-    #[must_use]
-    pub fn slid(&self) -> Option<String> {
-        self.slid.as_ref().map(Warning::to_string)
     }
 
     /// Where the courier parks.
