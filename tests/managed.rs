@@ -35,8 +35,9 @@ const MANAGED: [&str; 5] = [
 
 /// How much older than the message its stamp may be, ns of simulated time: a picture is looked at some ticks after it was taken.
 const LATE_NS: u64 = 200_000_000;
-/// Within which the courier comes to rest from anything that it does, ns of simulated time.
-const BRAKING_NS: u64 = 500_000_000;
+/// Within which the courier comes to rest from anything that it does, ns of simulated time: at most four periods of the
+/// waveform, as a vibration that fades in for two does so to the end before it fades out.
+const BRAKING_NS: u64 = 1_000_000_000;
 
 /// A run that goes on until it is told to go, and somebody who watches it.
 struct Bench {
@@ -182,7 +183,7 @@ fn a_courier_driver_that_is_deactivated_brakes_and_says_so_and_the_planner_waits
         bench.wait("the planner to say why nothing goes on", &bench.feeder, waits);
         let rest = bench.wait_until(left_ns + BRAKING_NS);
         assert!(!rest.vibrating && !rest.moving && rest.fault == NOT_ACTIVE, "{rest:?}");
-        let rest = bench.wait_until(left_ns + 10 * BRAKING_NS);
+        let rest = bench.wait_until(left_ns + 5 * BRAKING_NS);
         assert!(!rest.vibrating && !rest.moving && rest.fault == NOT_ACTIVE, "{rest:?}");
         bench.lead(nodes::COURIER_DRIVER, "activate");
         bench.wait("the planner to go on", &bench.feeder, |state| !waits(state));
@@ -201,7 +202,7 @@ fn a_generator_or_planner_that_is_deactivated_stops_the_courier_and_says_why() {
     for node in [nodes::WAVEFORM_GENERATOR, nodes::DELIVERY_PLANNER] {
         bench.wait("the courier to vibrate", &bench.courier, |state| state.vibrating);
         let left_ns = bench.lead(node, "deactivate");
-        let rest = bench.wait_until(left_ns + 2 * BRAKING_NS);
+        let rest = bench.wait_until(left_ns + BRAKING_NS);
         assert!(!rest.vibrating && rest.fault.is_empty(), "{node}: {rest:?}");
         let reason = format!("{node} is inactive, not active");
         if node == nodes::WAVEFORM_GENERATOR {
