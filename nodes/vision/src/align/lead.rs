@@ -13,7 +13,8 @@ use super::{Bare, Fit, MISS_SIGMAS_MAX, Owners, dark_max, residuals};
 const TURNED_MIN: f32 = 0.1;
 
 /// How much worse a part fits at another yaw, as a share of what the template says it must: about 1 for the part at its own
-/// yaw, and 0 for something that looks the same at both, or lies between them. `None` where the template does not tell.
+/// yaw, and 0 for something that looks the same at both, or lies between them, or of which nothing is seen that tells. What belongs
+/// to others or is hidden tells nothing. `None` where the template does not tell.
 ///
 /// `other` is what was fitted there; nothing but the yaw of it counts if it is to be looked at as it is.
 pub(in super::super) fn yaw_lead_share(
@@ -33,9 +34,9 @@ pub(in super::super) fn yaw_lead_share(
     let picture = |yaw_rad: f64| Laid { sought, fit: &Fit { yaw_rad, ..*fit }, belief }.picture(view);
     let (here, there) = (picture(fit.yaw_rad), picture(other.yaw_rad));
     let turn = Rotation2::new(fit.yaw_rad - other.yaw_rad);
-    let expected = |beside_m: Vector2<f64>| {
+    let expected = |texels: &[usize], beside_m: Vector2<f64>| {
         let (mut sum, mut count) = (0.0, 0.0_f32);
-        for index in &sought.texels {
+        for index in texels {
             let Some(turned) = sought.texel(turn * sought.template.place_m(*index) + beside_m) else { continue };
             let difference = here[*index] - there[turned];
             let square = difference * difference / (sought.variance(*index, owners.beside_sigma) + noise);
@@ -44,16 +45,22 @@ pub(in super::super) fn yaw_lead_share(
         }
         sum / count.max(1.0)
     };
-    let in_place = expected(Vector2::zeros());
-    if in_place < TURNED_MIN {
+    if expected(&sought.texels, Vector2::zeros()) < TURNED_MIN {
         return None;
+    }
+    let residuals = residuals(frame, view, sought, (fit, &here), owners)?;
+    let seen = sought.texels.iter().zip(residuals).filter_map(|(index, residual)| residual.map(|_| *index));
+    let seen: Vec<usize> = seen.collect();
+    let in_place = expected(&seen, Vector2::zeros());
+    if in_place < TURNED_MIN {
+        return Some(0.0);
     }
     // One whose centre of mass is not that of its picture looks the same turned and a little beside.
     let aside_m = fit.centre - other.centre;
     let least = if aside_m == Vector2::zeros() {
         in_place
     } else {
-        in_place.min(expected(Rotation2::new(-other.yaw_rad) * aside_m)).max(TURNED_MIN)
+        in_place.min(expected(&seen, Rotation2::new(-other.yaw_rad) * aside_m)).max(TURNED_MIN)
     };
     Some((other.cost - fit.cost) / least)
 }

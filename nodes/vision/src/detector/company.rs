@@ -101,7 +101,7 @@ impl Detector {
 
     /// Fits parts again from where they were found, by what they have in common: without what belongs to neighbours, and what
     /// lies alone by what is seen beside it too.
-    pub(super) fn fit_again(&self, view: &View, found: &mut [Found]) {
+    pub(in super::super) fn fit_again(&self, view: &View, found: &mut [Found]) {
         let beliefs = match self.light {
             Light::Taught => vec![Belief::open(); self.sought.len()],
             Light::Any => self.beliefs(view, found),
@@ -119,12 +119,15 @@ impl Detector {
             let owners = self.owners_for(index, if alone { FREE_SIGMA } else { SHADE_SIGMA });
             let belief = &beliefs[part.pose];
             if let Some(fit) = refine(&self.segmentation, view, sought, part.fit, &owners, belief, Fineness::Full) {
+                let (fit, turned) = self.righted(view, part, fit, &owners, belief);
                 (part.first_cost, part.first_lead) = (part.fit.cost, part.lead);
                 // In the light taught, what is seen beside tells where a part is, not what it is.
                 let told = if alone && self.light == Light::Taught { part.fit } else { fit };
                 part.fit = Fit { cost: told.cost, evidence: told.evidence, ..fit };
                 part.evidence_per_texel = sought.per_texel(part.fit.evidence);
-                self.look_turned(view, part, &fit, &owners, belief);
+                let led = |other| yaw_lead_share(&self.segmentation, view, sought, (&fit, &other), &owners, belief);
+                part.turned = turned.into_iter().filter_map(led).reduce(f32::min);
+                part.yaw_lead = self.likeliest_at_another_yaw(view, part, &fit, &owners, belief).and_then(led);
                 part.detail_seen = detail_seen(&self.segmentation, view, sought, &fit, &owners);
                 if self.light == Light::Taught {
                     continue;
@@ -172,25 +175,50 @@ impl Detector {
         asides.into_iter().filter_map(led).fold(f32::INFINITY, f32::min)
     }
 
-    /// Looks at a part that was fitted so at other yaws: turned by half a period, and at the likeliest rival.
-    fn look_turned(&self, view: &View, part: &mut Found, fit: &Fit, owners: &Owners, belief: &Belief) {
-        let sought = &self.sought[part.pose];
+    /// A part fitted among others, or turned by half if it is seen better so: from afar the search may take one for the other. With
+    /// what fits turned by half from there.
+    fn righted(&self, view: &View, part: &mut Found, fit: Fit, owners: &Owners, belief: &Belief) -> (Fit, Vec<Fit>) {
+        let turned = self.turned(view, part.pose, &fit, owners, belief);
+        let better = turned.iter().filter(|other| other.evidence > fit.evidence);
+        let Some(better) = better.copied().max_by(|a, b| a.evidence.total_cmp(&b.evidence)) else {
+            return (fit, turned);
+        };
+        // As it would have been found.
+        let (sought, owners_first) = (&self.sought[part.pose], Owners { beside_sigma: SHADE_SIGMA, ..*owners });
+        let open = self.open_belief(view);
+        let first = refine(&self.segmentation, view, sought, better, &owners_first, &open, Fineness::Full);
+        let Some(first) = first else { return (fit, turned) };
+        part.lead += sought.per_texel(first.evidence - part.fit.evidence);
+        part.fit = first;
+        (better, self.turned(view, part.pose, &better, owners, belief))
+    }
+
+    /// What fits in place of a part that was fitted so turned by half a period of its symmetry, in the same place and only a little
+    /// beside.
+    fn turned(&self, view: &View, pose: usize, fit: &Fit, owners: &Owners, belief: &Belief) -> Vec<Fit> {
+        let sought = &self.sought[pose];
         if sought.template.yaw_symmetry == 0 {
-            return;
+            return Vec::new();
         }
-        let laid =
-            |start: Fit, fineness: Fineness| refine(&self.segmentation, view, sought, start, owners, belief, fineness);
-        let led = |other: Fit| yaw_lead_share(&self.segmentation, view, sought, (fit, &other), owners, belief);
         let turned = Fit { yaw_rad: fit.yaw_rad + 0.5 * period_rad(sought.template.yaw_symmetry), ..*fit };
-        // It may look so only a little beside.
-        let stays = |other: &Fit| !self.yaws_differ(part.pose, turned.yaw_rad, other.yaw_rad);
-        let leads =
-            [Fineness::Fixed, Fineness::Full].map(|fineness| laid(turned, fineness).filter(stays).and_then(led));
-        part.turned = leads.into_iter().flatten().reduce(f32::min);
-        let rival = part.yaw_rival.and_then(|rival| laid(rival, Fineness::Full));
-        // One that leads to the same yaw in the end is none.
-        let rival = rival.filter(|rival| self.yaws_differ(part.pose, fit.yaw_rad, rival.yaw_rad));
-        part.yaw_lead = rival.and_then(led);
+        let stays = |other: &Fit| !self.yaws_differ(pose, turned.yaw_rad, other.yaw_rad);
+        let laid = |fineness: Fineness| refine(&self.segmentation, view, sought, turned, owners, belief, fineness);
+        [Fineness::Fixed, Fineness::Full].into_iter().filter_map(laid).filter(stays).collect()
+    }
+
+    /// What the likeliest explanation of a part that was fitted so by the same pose at another yaw comes to, if that is another in the
+    /// end.
+    fn likeliest_at_another_yaw(
+        &self,
+        view: &View,
+        part: &Found,
+        fit: &Fit,
+        owners: &Owners,
+        belief: &Belief,
+    ) -> Option<Fit> {
+        let sought = &self.sought[part.pose];
+        let rival = refine(&self.segmentation, view, sought, part.yaw_rival?, owners, belief, Fineness::Full)?;
+        self.yaws_differ(part.pose, fit.yaw_rad, rival.yaw_rad).then_some(rival)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Parts, lamps and lenses that differ a little from those taught.
 
 use super::*;
-use crate::align::{Fit, Laid, Owners, detail_seen, lead_due};
+use crate::align::{Fit, Laid, Owners, detail_seen, lead_due, yaw_lead_share};
 use crate::candidate::{is_recognised, judge};
 use crate::detector::{Detector, Found, belief_of_light};
 use crate::modes::{Belief, Light, MODES, OTHER_LIGHTS, WHOLE_LIGHTS};
@@ -416,6 +416,50 @@ fn a_part_leads_another_pose_by_what_the_templates_say() {
         (0..nobody.len()).map(|pixel| if ((pixel / window.width) as f64) < middle { 2 } else { 0 }).collect();
     let share = due(&half, &laid(), &rival) / due(&nobody, &laid(), &rival);
     assert!((0.35..0.65).contains(&share), "{share}");
+}
+
+/// The search looks from afar, where a coin turned by half looks much the same.
+#[test]
+fn a_part_that_was_taken_for_one_turned_by_half_is_righted_and_leads_by_what_is_seen_of_it() {
+    let coin = catalogue("coin");
+    let scene = scene(&coin, 2.0);
+    let config = SelectorConfig::default();
+    for light in [Light::Taught, Light::Any] {
+        let mut detector = Detector::new(&scene.camera, &scene.tray, &COIN, light);
+        let mut random = Pcg64Mcg::seed_from_u64(4);
+        let coins = strewn(&coin, Some(0), 12, 3.0 * coin.outline_radius_m(), &mut random);
+        let image = shoot(&mut Renderer::new(&scene).unwrap(), &over_camera(), &coins, &mut random);
+        let found = detector.find(&image, &over_camera(), config.contrast_min_levels, f32::MAX).unwrap();
+        let (view, nobody) = (detector.view(&over_camera()), vec![0; detector.segmentation.bins.len()]);
+        let mut turned: Vec<Found> = found.clone();
+        // Most must lie as they seem to: what all show is put down to the frame.
+        for part in turned.iter_mut().take(3) {
+            part.fit.yaw_rad += std::f64::consts::PI;
+        }
+        detector.fit_again(&view, &mut turned);
+        for (part, again) in found.iter().zip(&turned) {
+            assert!(!detector.yaws_differ(0, part.fit.yaw_rad, again.fit.yaw_rad), "{light:?} {part:?} {again:?}");
+            assert!((part.fit.cost - again.fit.cost).abs() < 0.05 && again.turned > Some(0.5), "{light:?} {again:?}");
+        }
+        // Of a part of which others cover half, that half is not asked; of one that is hidden, nothing tells.
+        let (sought, fit) = (&detector.sought[0], &found[0].fit);
+        let other = Fit { yaw_rad: fit.yaw_rad + std::f64::consts::PI, cost: fit.cost + 1.0, ..*fit };
+        let (belief, frame) = (Belief::open(), &detector.segmentation);
+        let share = |of: &[u16]| {
+            let owners = Owners { of, own: 1, beside_sigma: 0.1 };
+            yaw_lead_share(frame, &view, sought, (fit, &other), &owners, &belief).unwrap()
+        };
+        let middle = view.pixel(fit.centre, sought.plane_m).unwrap().y - frame.window.top as f64;
+        let below = |pixel: usize| ((pixel / frame.window.width) as f64) < middle;
+        let half = |hidden: bool| -> Vec<u16> {
+            (0..nobody.len()).map(|pixel| if below(pixel) == hidden { 2 } else { 0 }).collect()
+        };
+        let due = [half(true), half(false), nobody.clone()].map(|of| 1.0 / share(&of));
+        assert!((due[0] + due[1] - 2.0 * due[2]).abs() < 0.1 * due[2], "{light:?} {due:?}");
+        assert!((due[0] - due[1]).abs() > 0.05 * due[2], "{light:?} {due:?}: its halves differ");
+        let hidden = share(&vec![2; nobody.len()]);
+        assert!(hidden.abs() < 1e-6, "{hidden}");
+    }
 }
 
 /// A white part lights the floor beside it; few parts in a frame cannot tell that all of them do.
