@@ -6,7 +6,7 @@ use feeder_model::geometry::StablePose;
 use feeder_sim::camera::{AllRound, PartView, Renderer, Scene, TrayShot};
 use feeder_vision::{LIGHTS_ALL_ROUND, LaidPart, OtherLights, PartModel, PoseSpec, TeachFrame, TeachSpec, teach};
 use image::GrayImage;
-use nalgebra::{Isometry2, Point2};
+use nalgebra::{Isometry2, Point2, Rotation2};
 use rand::{Rng, RngExt};
 
 /// Pictures of the bare plateau, of each pose that looks the same from all sides, and of each other one: it must be shown at
@@ -123,20 +123,59 @@ pub fn view(part: &LaidPart, scene: &Scene) -> PartView {
     }
 }
 
-/// Parts of one pose strewn over the plateau with room between them, turned at random.
+/// Parts of one pose strewn over the plateau with room between them, turned at random. They lie at the walls too, where the
+/// walls hide some of them: that is where vibration takes them.
 fn laid_out(scene: &Scene, pose: usize, stable: &StablePose, random: &mut impl Rng) -> Vec<LaidPart> {
     const TRIES: usize = 400;
     let tray = &scene.tray.geometry;
-    let reach_m = stable.outline.radius_m;
+    let outline = &stable.outline;
+    let reach_m = outline.radius_m;
+    // What is not round touches a wall farther out than it reaches when it is turned.
+    let margin_m = if outline.round { reach_m } else { 0.0 };
+    let walls_m = tray.inner_radius_m + margin_m..tray.outer_radius_m - margin_m;
     let mut parts: Vec<LaidPart> = Vec::new();
     for _ in 0..TRIES {
-        let radius_m = random.random_range(tray.inner_radius_m + reach_m..tray.outer_radius_m - reach_m);
+        let radius_m = random.random_range(walls_m.clone());
         let angle_rad = random.random_range(tray.ramp_angle_rad..TAU);
         let place = Point2::new(radius_m * angle_rad.cos(), radius_m * angle_rad.sin());
         let free = parts.iter().all(|part| (part.place - place).norm() > 2.0 * reach_m + ROOM_M);
         if free && scene.tray.inside_sector_m(place) > reach_m && parts.len() < PARTS_PER_FRAME {
-            parts.push(LaidPart { pose, place, yaw_rad: random.random_range(0.0..TAU) });
+            let yaw_rad = random.random_range(0.0..TAU);
+            let lies_m = |corner: &Point2<f64>| (place + Rotation2::new(yaw_rad) * corner.coords).coords.norm();
+            if outline.round || outline.corners_m.iter().all(|corner| walls_m.contains(&lies_m(corner))) {
+                parts.push(LaidPart { pose, place, yaw_rad });
+            }
         }
     }
     parts
+}
+
+#[cfg(test)]
+mod tests {
+    use feeder_model::seed::generator;
+    use feeder_scenario::{PartSource, Scenario};
+
+    use super::*;
+
+    /// A clip that lies along a wall is nearer to it than one that is turned may be.
+    #[test]
+    fn parts_are_taught_at_the_walls_too_and_none_in_them() {
+        let part = PartSource::Name("clip".to_owned());
+        let scenario = Scenario { part, part_model: None, ..Scenario::default() };
+        let part = scenario.part_type().unwrap();
+        let (scene, pose) = (scenario.scene(&part), &part.poses[0]);
+        let tray = &scene.tray.geometry;
+        let mut random = generator(1, "lesson");
+        let laid: Vec<LaidPart> = (0..200).flat_map(|_| laid_out(&scene, 0, pose, &mut random)).collect();
+        let radius_m = |part: &LaidPart| part.place.coords.norm();
+        let outer = laid.iter().filter(|part| radius_m(part) > tray.outer_radius_m - pose.outline.radius_m).count();
+        let inner = laid.iter().filter(|part| radius_m(part) < tray.inner_radius_m + pose.outline.radius_m).count();
+        assert!(outer > laid.len() / 100 && inner > 0, "{outer} and {inner} of {}", laid.len());
+        let walls_m = tray.inner_radius_m..tray.outer_radius_m;
+        for part in &laid {
+            let turn = Rotation2::new(part.yaw_rad);
+            let corners = pose.outline.corners_m.iter().map(|corner| part.place + turn * corner.coords);
+            assert!(corners.into_iter().all(|corner| walls_m.contains(&corner.coords.norm())), "{part:?}");
+        }
+    }
 }
