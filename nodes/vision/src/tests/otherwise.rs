@@ -339,7 +339,7 @@ fn a_part_shows_all_of_its_detail_and_a_blank_none() {
         paint(&mut blanks, &scene, disc.iter().map(|aside| laid.place + aside), 190);
     }
     let contrast_min_levels = SelectorConfig::default().contrast_min_levels;
-    for light in [Light::Taught, Light::Any] {
+    let noise_max = [Light::Taught, Light::Any].map(|light| {
         let mut detector = Detector::new(&scene.camera, &scene.tray, &COIN, light);
         let found = detector.find(&image, &over_camera(), contrast_min_levels, f32::MAX).unwrap();
         assert!(found.len() >= 6 && found.iter().all(|part| part.detail_seen.unwrap() > 0.9), "{found:?}");
@@ -351,7 +351,17 @@ fn a_part_shows_all_of_its_detail_and_a_blank_none() {
             let seen = detail_seen(&detector.segmentation, &view, sought, &part.fit, &owners).unwrap();
             assert!(seen.abs() < 0.2, "{light:?}: {seen}");
         }
-    }
+        // Up to which noise it tells.
+        let view = view::View { camera: &scene.camera, tray: &scene.tray, platen_from_tray: over_camera() };
+        let tells = |sigma: &f32| {
+            detector.segmentation.sigma = *sigma;
+            let (sought, owners) = (&detector.sought[found[0].pose], Owners { of: &nobody, own: 0, beside_sigma: 0.1 });
+            detail_seen(&detector.segmentation, &view, sought, &found[0].fit, &owners).is_some()
+        };
+        (1..1000).map(|step| 0.01 * 1.02_f32.powi(step)).take_while(tells).last().unwrap()
+    });
+    let [in_light_taught, in_any] = noise_max;
+    assert!((0.6..0.8).contains(&(in_light_taught / in_any)), "twice as sure in the light taught: {noise_max:?}");
 }
 
 /// From above a grommet that is half as high differs by its shadow alone.
