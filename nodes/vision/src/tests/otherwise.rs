@@ -445,11 +445,16 @@ fn a_part_that_was_taken_for_one_turned_by_half_is_righted_and_leads_by_what_is_
         // Most must lie as they seem to: what all show is put down to the frame.
         for part in turned.iter_mut().take(3) {
             part.fit.yaw_rad += std::f64::consts::PI;
+            (part.fit.cost, part.fit.evidence, part.lead) = (9.0, 0.0, 0.0);
         }
         detector.fit_again(&view, &mut turned);
         for (part, again) in found.iter().zip(&turned) {
             assert!(!detector.yaws_differ(0, part.fit.yaw_rad, again.fit.yaw_rad), "{light:?} {part:?} {again:?}");
             assert!((part.fit.cost - again.fit.cost).abs() < 0.05 && again.turned > Some(0.5), "{light:?} {again:?}");
+            assert!(
+                again.first_cost < 1.0 && again.first_lead > 1.0,
+                "as if it had been found so: {light:?} {again:?}"
+            );
         }
         // Of a part of which others cover half, that half is not asked; of one that is hidden, nothing tells.
         let (sought, fit) = (&detector.sought[0], &found[0].fit);
