@@ -6,7 +6,7 @@ use feeder_model::geometry::StablePose;
 use feeder_sim::camera::{AllRound, PartView, Renderer, Scene, TrayShot};
 use feeder_vision::{LIGHTS_ALL_ROUND, LaidPart, OtherLights, PartModel, PoseSpec, TeachFrame, TeachSpec, teach};
 use image::GrayImage;
-use nalgebra::{Isometry2, Point2, Rotation2};
+use nalgebra::{Isometry2, Point2};
 use rand::{Rng, RngExt};
 
 /// Pictures of the bare plateau, of each pose that looks the same from all sides, and of each other one: it must be shown at
@@ -130,19 +130,19 @@ fn laid_out(scene: &Scene, pose: usize, stable: &StablePose, random: &mut impl R
     let tray = &scene.tray.geometry;
     let outline = &stable.outline;
     let reach_m = outline.radius_m;
-    // What is not round touches a wall farther out than it reaches when it is turned.
+    let walls_m = tray.inner_radius_m..tray.outer_radius_m;
+    // What is not round touches a wall nearer to it than it reaches when it is turned.
     let margin_m = if outline.round { reach_m } else { 0.0 };
-    let walls_m = tray.inner_radius_m + margin_m..tray.outer_radius_m - margin_m;
     let mut parts: Vec<LaidPart> = Vec::new();
     for _ in 0..TRIES {
-        let radius_m = random.random_range(walls_m.clone());
+        let radius_m = random.random_range(walls_m.start + margin_m..walls_m.end - margin_m);
         let angle_rad = random.random_range(tray.ramp_angle_rad..TAU);
         let place = Point2::new(radius_m * angle_rad.cos(), radius_m * angle_rad.sin());
         let free = parts.iter().all(|part| (part.place - place).norm() > 2.0 * reach_m + ROOM_M);
         if free && scene.tray.inside_sector_m(place) > reach_m && parts.len() < PARTS_PER_FRAME {
             let yaw_rad = random.random_range(0.0..TAU);
-            let lies_m = |corner: &Point2<f64>| (place + Rotation2::new(yaw_rad) * corner.coords).coords.norm();
-            if outline.round || outline.corners_m.iter().all(|corner| walls_m.contains(&lies_m(corner))) {
+            let corners = outline.at(&Isometry2::new(place.coords, yaw_rad));
+            if corners.iter().all(|corner| walls_m.contains(&corner.coords.norm())) {
                 parts.push(LaidPart { pose, place, yaw_rad });
             }
         }
@@ -173,9 +173,8 @@ mod tests {
         assert!(outer > laid.len() / 100 && inner > 0, "{outer} and {inner} of {}", laid.len());
         let walls_m = tray.inner_radius_m..tray.outer_radius_m;
         for part in &laid {
-            let turn = Rotation2::new(part.yaw_rad);
-            let corners = pose.outline.corners_m.iter().map(|corner| part.place + turn * corner.coords);
-            assert!(corners.into_iter().all(|corner| walls_m.contains(&corner.coords.norm())), "{part:?}");
+            let corners = pose.outline.at(&Isometry2::new(part.place.coords, part.yaw_rad));
+            assert!(corners.iter().all(|corner| walls_m.contains(&corner.coords.norm())), "{part:?}");
         }
     }
 }

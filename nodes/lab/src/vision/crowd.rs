@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use feeder_model::camera::MountedTray;
 use feeder_model::geometry::StablePose;
 use feeder_vision::LaidPart;
-use nalgebra::{Point2, Rotation2, Vector2};
+use nalgebra::{Isometry2, Point2, Vector2};
 use rand::{Rng, RngExt};
 
 /// Sweeps of small moves that stir a crowd between two frames, and how often parts are looked for room between sweeps.
@@ -109,9 +109,7 @@ impl<'a> Crowd<'a> {
 
     /// The outline of a part where it lies.
     pub(crate) fn outline(&self, part: &LaidPart) -> Vec<Point2<f64>> {
-        let turn = Rotation2::new(part.yaw_rad);
-        let corners = self.poses[part.pose].outline.corners_m.iter();
-        corners.map(|corner| part.place + turn * corner.coords).collect()
+        self.poses[part.pose].outline.at(&Isometry2::new(part.place.coords, part.yaw_rad))
     }
 
     fn is_free(&self, outline: &[Point2<f64>], own: Option<usize>, part: &LaidPart) -> bool {

@@ -48,9 +48,7 @@ pub(in super::super) fn yaw_lead_share(
     if expected(&sought.texels, Vector2::zeros()) < TURNED_MIN {
         return None;
     }
-    let residuals = residuals(frame, view, sought, (fit, &here), owners)?;
-    let seen = sought.texels.iter().zip(residuals).filter_map(|(index, residual)| residual.map(|_| *index));
-    let seen: Vec<usize> = seen.collect();
+    let seen = seen_texels(frame, view, sought, (fit, &here), owners)?;
     let in_place = expected(&seen, Vector2::zeros());
     if in_place < TURNED_MIN {
         return Some(0.0);
@@ -88,14 +86,25 @@ pub(in super::super) fn lead_due(
             let miss = miss.clamp(-dark_max(laid.sought, index), MISS_SIGMAS_MAX);
             bare.outdone(level, miss, inverse_sigma.ln())
         };
-        let seen = residuals(frame, view, laid.sought, (laid.fit, picture), owners)?;
-        let texels = laid.sought.texels.iter().zip(seen).filter_map(|(index, seen)| seen.map(|_| *index));
-        Some(texels.map(outdone).sum::<f32>() * laid.sought.texel_weight)
+        let seen = seen_texels(frame, view, laid.sought, (laid.fit, picture), owners)?;
+        Some(seen.into_iter().map(outdone).sum::<f32>() * laid.sought.texel_weight)
     };
     let at = |place_m: Vector2<f64>| part.sought.texel(place_m).map_or(0.0, |index| here[index]);
     let own = evidence(part, &here, &at)?;
     let others = evidence(other, &there, &|place_m| at(into_part * place_m + aside_m))?;
     Some(part.sought.per_texel(own - others))
+}
+
+/// The texels of a fit that are seen and belong to no other. `None` out of the camera's sight.
+fn seen_texels(
+    frame: &Segmentation,
+    view: &View,
+    sought: &Sought,
+    fitted: (&Fit, &[f32]),
+    owners: &Owners,
+) -> Option<Vec<usize>> {
+    let residuals = residuals(frame, view, sought, fitted, owners)?;
+    Some(sought.texels.iter().zip(residuals).filter_map(|(index, residual)| residual.map(|_| *index)).collect())
 }
 
 /// A pose laid over a frame, by a belief.

@@ -18,6 +18,7 @@ mod looks;
 mod otherwise;
 pub(crate) mod recognition;
 mod scenes;
+mod told_apart;
 
 use scenes::*;
 pub(crate) use scenes::{camera, empty_tray, over_camera};
