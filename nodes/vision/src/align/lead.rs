@@ -5,62 +5,79 @@ use nalgebra::{Rotation2, Vector2};
 use super::super::modes::Belief;
 use super::super::segment::Segmentation;
 use super::super::sought::Sought;
-use super::super::template::period_rad;
 use super::super::view::View;
 use super::{Bare, Fit, MISS_SIGMAS_MAX, Owners, dark_max, residuals};
 
 /// A part whose picture changes by less than this mean square when it is turned, in standard deviations, looks round.
 const TURNED_MIN: f32 = 0.1;
 
-/// How much worse a part fits at another yaw, as a share of what the template says it must: about 1 for the part at its own
-/// yaw, and 0 for something that looks the same at both, or lies between them, or of which nothing is seen that tells. What belongs
-/// to others or is hidden tells nothing. `None` where the template does not tell.
-///
-/// `other` is what was fitted there; nothing but the yaw of it counts if it is to be looked at as it is.
-pub(in super::super) fn yaw_lead_share(
-    frame: &Segmentation,
-    view: &View,
-    sought: &Sought,
-    (fit, other): (&Fit, &Fit),
-    owners: &Owners,
-    belief: &Belief,
-) -> Option<f32> {
-    let period_rad = period_rad(sought.template.yaw_symmetry);
-    if period_rad <= 0.0 {
-        return None;
-    }
-    let noise = frame.sigma * frame.sigma;
-    // Both as they would be seen in the same place and light.
-    let picture = |yaw_rad: f64| Laid { sought, fit: &Fit { yaw_rad, ..*fit }, belief }.picture(view);
-    let (here, there) = (picture(fit.yaw_rad), picture(other.yaw_rad));
-    let turn = Rotation2::new(fit.yaw_rad - other.yaw_rad);
-    let expected = |texels: &[usize], beside_m: Vector2<f64>| {
-        let (mut sum, mut count) = (0.0, 0.0_f32);
-        for index in texels {
-            let Some(turned) = sought.texel(turn * sought.template.place_m(*index) + beside_m) else { continue };
-            let difference = here[*index] - there[turned];
-            let square = difference * difference / (sought.variance(*index, owners.beside_sigma) + noise);
-            sum += square.min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
-            count += 1.0;
+/// A part as fitted, to be compared with the same at other yaws.
+pub(in super::super) struct AtYaw<'a> {
+    view: &'a View<'a>,
+    laid: Laid<'a>,
+    noise: f32,
+    beside_sigma: f32,
+    /// As it is seen there.
+    picture: Vec<f32>,
+    /// Its texels that are seen and belong to no other.
+    seen: Vec<usize>,
+}
+
+impl<'a> AtYaw<'a> {
+    /// `None` for a part that looks the same at all yaws, or out of the camera's sight.
+    pub(in super::super) fn new(
+        frame: &Segmentation,
+        view: &'a View<'a>,
+        laid: Laid<'a>,
+        owners: &Owners,
+    ) -> Option<Self> {
+        if laid.sought.template.yaw_symmetry == 0 {
+            return None;
         }
-        sum / count.max(1.0)
-    };
-    if expected(&sought.texels, Vector2::zeros()) < TURNED_MIN {
-        return None;
+        let picture = laid.picture(view);
+        let seen = seen_texels(frame, view, laid.sought, (laid.fit, &picture), owners)?;
+        Some(Self { view, laid, noise: frame.sigma * frame.sigma, beside_sigma: owners.beside_sigma, picture, seen })
     }
-    let seen = seen_texels(frame, view, sought, (fit, &here), owners)?;
-    let in_place = expected(&seen, Vector2::zeros());
-    if in_place < TURNED_MIN {
-        return Some(0.0);
+
+    /// How much worse the part fits at another yaw, as a share of what the template says it must: about 1 for the part at its own
+    /// yaw, and 0 for something that looks the same at both, or lies between them, or of which nothing is seen that tells. What
+    /// belongs to others or is hidden tells nothing. `None` where the template does not tell.
+    ///
+    /// `other` is what was fitted there; nothing but the yaw of it counts if it is to be looked at as it is.
+    pub(in super::super) fn lead_share(&self, other: &Fit) -> Option<f32> {
+        let Laid { sought, fit, belief } = self.laid;
+        // Both as they would be seen in the same place and light.
+        let there = Laid { sought, fit: &Fit { yaw_rad: other.yaw_rad, ..*fit }, belief }.picture(self.view);
+        let turn = Rotation2::new(fit.yaw_rad - other.yaw_rad);
+        let expected = |texels: &[usize], beside_m: Vector2<f64>| {
+            let (mut sum, mut count) = (0.0, 0.0_f32);
+            for index in texels {
+                let Some(turned) = sought.texel(turn * sought.template.place_m(*index) + beside_m) else { continue };
+                let difference = self.picture[*index] - there[turned];
+                let square = difference * difference / (sought.variance(*index, self.beside_sigma) + self.noise);
+                sum += square.min(MISS_SIGMAS_MAX * MISS_SIGMAS_MAX);
+                count += 1.0;
+            }
+            sum / count.max(1.0)
+        };
+        let whole = expected(&sought.texels, Vector2::zeros());
+        if whole < TURNED_MIN {
+            return None;
+        }
+        let wholly_seen = self.seen.len() == sought.texels.len();
+        let in_place = if wholly_seen { whole } else { expected(&self.seen, Vector2::zeros()) };
+        if in_place < TURNED_MIN {
+            return Some(0.0);
+        }
+        // One whose centre of mass is not that of its picture looks the same turned and a little beside.
+        let aside_m = fit.centre - other.centre;
+        let least = if aside_m == Vector2::zeros() {
+            in_place
+        } else {
+            in_place.min(expected(&self.seen, Rotation2::new(-other.yaw_rad) * aside_m)).max(TURNED_MIN)
+        };
+        Some((other.cost - fit.cost) / least)
     }
-    // One whose centre of mass is not that of its picture looks the same turned and a little beside.
-    let aside_m = fit.centre - other.centre;
-    let least = if aside_m == Vector2::zeros() {
-        in_place
-    } else {
-        in_place.min(expected(&seen, Rotation2::new(-other.yaw_rad) * aside_m)).max(TURNED_MIN)
-    };
-    Some((other.cost - fit.cost) / least)
 }
 
 /// By how much, per texel of `part`, the templates say that its evidence must exceed that of another pose as fitted, where what is
@@ -108,6 +125,7 @@ fn seen_texels(
 }
 
 /// A pose laid over a frame, by a belief.
+#[derive(Clone, Copy)]
 pub(in super::super) struct Laid<'a> {
     pub sought: &'a Sought,
     pub fit: &'a Fit,

@@ -12,7 +12,7 @@ use super::template::Aspect;
 use super::view::View;
 pub(super) use detail::detail_seen;
 use feeder_model::camera::single;
-pub(super) use lead::{Laid, lead_due, yaw_lead_share};
+pub(super) use lead::{AtYaw, Laid, lead_due};
 
 /// A texel that misses by more standard deviations counts no more than this many, and one beside the part that is darker
 /// than expected no more than that many: a shadow may lie there.

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Rotation2, Vector2};
 
-use super::super::align::{Fineness, Fit, Laid, Owners, detail_seen, lead_due, refine, residuals, yaw_lead_share};
+use super::super::align::{AtYaw, Fineness, Fit, Laid, Owners, detail_seen, lead_due, refine, residuals};
 use super::super::modes::{self, Amounts, Belief, Light, MODES, SideAmounts};
 use super::super::sought::{FREE_SIGMA, SHADE_SIGMA};
 use super::super::template::period_rad;
@@ -125,9 +125,12 @@ impl Detector {
                 let told = if alone && self.light == Light::Taught { part.fit } else { fit };
                 part.fit = Fit { cost: told.cost, evidence: told.evidence, ..fit };
                 part.evidence_per_texel = sought.per_texel(part.fit.evidence);
-                let led = |other| yaw_lead_share(&self.segmentation, view, sought, (&fit, &other), &owners, belief);
-                part.turned = turned.into_iter().filter_map(led).reduce(f32::min);
-                part.yaw_lead = self.likeliest_at_another_yaw(view, part, &fit, &owners, belief).and_then(led);
+                let laid = Laid { sought, fit: &fit, belief };
+                if let Some(at_yaw) = AtYaw::new(&self.segmentation, view, laid, &owners) {
+                    part.turned = turned.iter().filter_map(|other| at_yaw.lead_share(other)).reduce(f32::min);
+                    let rival = self.likeliest_at_another_yaw(view, part, &fit, &owners, belief);
+                    part.yaw_lead = rival.and_then(|rival| at_yaw.lead_share(&rival));
+                }
                 part.detail_seen = detail_seen(&self.segmentation, view, sought, &fit, &owners);
                 if self.light == Light::Taught {
                     continue;
@@ -137,7 +140,6 @@ impl Detector {
                     let rival = refine(&self.segmentation, view, other, rival, &owners, belief, Fineness::Full);
                     if let Some(rival) = rival {
                         part.lead = sought.per_texel(fit.evidence - rival.evidence);
-                        let laid = Laid { sought, fit: &fit, belief: &beliefs[part.pose] };
                         let rival = Laid { sought: other, fit: &rival, belief };
                         part.lead_due = lead_due(&self.segmentation, view, &laid, &rival, &owners);
                     }

@@ -45,7 +45,7 @@ pub(super) struct Found {
     pub unlike_in_light: f32,
     /// Evidence relative to that of the middle one of the others, where enough of the pose lie in the frame to tell of each other.
     pub evidence_ratio: Option<f32>,
-    /// As [`yaw_lead_share`](super::align::yaw_lead_share) tells of it turned by half a period of its symmetry.
+    /// As [`AtYaw::lead_share`](super::align::AtYaw::lead_share) tells of it turned by half a period of its symmetry.
     pub turned: Option<f32>,
     /// The strongest explanation by the same pose at another yaw, and by how much that is led, as it is for `turned`.
     pub yaw_rival: Option<Fit>,

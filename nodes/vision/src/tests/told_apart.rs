@@ -1,7 +1,7 @@
 //! What tells a part from another pose of it, from the same turned, from a blank, and from one beside.
 
 use super::*;
-use crate::align::{Fit, Laid, Owners, detail_seen, lead_due, yaw_lead_share};
+use crate::align::{AtYaw, Fit, Laid, Owners, detail_seen, lead_due};
 use crate::detector::{Detector, Found};
 use crate::modes::{Belief, Light};
 use feeder_model::geometry::PartMesh;
@@ -169,7 +169,10 @@ fn a_part_that_was_taken_for_one_turned_by_half_is_righted_and_leads_by_what_is_
         let (belief, frame) = (Belief::open(), &detector.segmentation);
         let share = |of: &[u16]| {
             let owners = Owners { of, own: 1, beside_sigma: 0.1 };
-            yaw_lead_share(frame, &view, sought, (fit, &other), &owners, &belief).unwrap()
+            AtYaw::new(frame, &view, Laid { sought, fit, belief: &belief }, &owners)
+                .unwrap()
+                .lead_share(&other)
+                .unwrap()
         };
         let middle = view.pixel(fit.centre, sought.plane_m).unwrap().y - frame.window.top as f64;
         let below = |pixel: usize| ((pixel / frame.window.width) as f64) < middle;
