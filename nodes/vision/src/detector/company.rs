@@ -126,11 +126,10 @@ impl Detector {
                 part.fit = Fit { cost: told.cost, evidence: told.evidence, ..fit };
                 part.evidence_per_texel = sought.per_texel(part.fit.evidence);
                 let laid = Laid { sought, fit: &fit, belief };
-                if let Some(at_yaw) = AtYaw::new(&self.segmentation, view, laid, &owners) {
-                    part.turned = turned.iter().filter_map(|other| at_yaw.lead_share(other)).reduce(f32::min);
-                    let rival = self.likeliest_at_another_yaw(view, part, &fit, &owners, belief);
-                    part.yaw_lead = rival.and_then(|rival| at_yaw.lead_share(&rival));
-                }
+                let at_yaw = AtYaw::new(&self.segmentation, view, laid, &owners);
+                let led = |other: Fit| at_yaw.as_ref()?.lead_share(&other);
+                part.turned = turned.into_iter().filter_map(led).reduce(f32::min);
+                part.yaw_lead = self.likeliest_at_another_yaw(view, part, &fit, &owners, belief).and_then(led);
                 part.detail_seen = detail_seen(&self.segmentation, view, sought, &fit, &owners);
                 if self.light == Light::Taught {
                     continue;
