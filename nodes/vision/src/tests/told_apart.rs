@@ -4,6 +4,7 @@ use super::*;
 use crate::align::{AtYaw, Fit, Laid, Owners, detail_seen, lead_due};
 use crate::detector::{Detector, Found};
 use crate::modes::{Belief, Light};
+use crate::template::Plane;
 use feeder_model::geometry::PartMesh;
 use feeder_sim::camera::SensorModel;
 
@@ -58,6 +59,13 @@ fn a_part_shows_all_of_its_detail_and_a_blank_none() {
             let seen = detail_seen(&detector.segmentation, &view, sought, &part.fit, &owners).unwrap();
             assert!(seen.abs() < 0.2, "{light:?}: {seen}");
         }
+        // What slant would add tells nothing.
+        let part = &found[0];
+        let (view, mut sought) = (detector.view(&over_camera()), detector.sought[part.pose].clone());
+        let picture = sought.template.picture(&sought.aspect(&view, &part.fit)).into_iter().map(|level| 20.0 * level);
+        sought.template.slant_x = Plane::new(sought.template.side(), picture.collect());
+        let owners = Owners { of: &nobody, own: 0, beside_sigma: 0.1 };
+        assert_eq!(detail_seen(&detector.segmentation, &view, &sought, &part.fit, &owners), None);
         // Up to which noise it tells.
         let view = view::View { camera: &scene.camera, tray: &scene.tray, platen_from_tray: over_camera() };
         let tells = |sigma: &f32| {
