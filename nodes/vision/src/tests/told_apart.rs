@@ -53,8 +53,8 @@ fn a_part_shows_all_of_its_detail_and_a_blank_none() {
         assert!(found.len() >= 6 && found.iter().all(|part| part.detail_seen.unwrap() > 0.9), "{found:?}");
         detector.look(&blanks, &over_camera(), contrast_min_levels).unwrap();
         let nobody = vec![0; detector.segmentation.bins.len()];
+        let owners = Owners { of: &nobody, own: 0, beside_sigma: 0.1 };
         for part in &found {
-            let owners = Owners { of: &nobody, own: 0, beside_sigma: 0.1 };
             let (view, sought) = (detector.view(&over_camera()), &detector.sought[part.pose]);
             let seen = detail_seen(&detector.segmentation, &view, sought, &part.fit, &owners).unwrap();
             assert!(seen.abs() < 0.2, "{light:?}: {seen}");
@@ -64,14 +64,13 @@ fn a_part_shows_all_of_its_detail_and_a_blank_none() {
         let (view, mut sought) = (detector.view(&over_camera()), detector.sought[part.pose].clone());
         let picture = sought.template.picture(&sought.aspect(&view, &part.fit)).into_iter().map(|level| 20.0 * level);
         sought.template.slant_x = Plane::new(sought.template.side(), picture.collect());
-        let owners = Owners { of: &nobody, own: 0, beside_sigma: 0.1 };
         assert_eq!(detail_seen(&detector.segmentation, &view, &sought, &part.fit, &owners), None);
         // Up to which noise it tells.
         let view = view::View { camera: &scene.camera, tray: &scene.tray, platen_from_tray: over_camera() };
         let tells = |sigma: &f32| {
             detector.segmentation.sigma = *sigma;
-            let (sought, owners) = (&detector.sought[found[0].pose], Owners { of: &nobody, own: 0, beside_sigma: 0.1 });
-            detail_seen(&detector.segmentation, &view, sought, &found[0].fit, &owners).is_some()
+            let sought = &detector.sought[part.pose];
+            detail_seen(&detector.segmentation, &view, sought, &part.fit, &owners).is_some()
         };
         (1..1000).map(|step| 0.01 * 1.02_f32.powi(step)).take_while(tells).last().unwrap()
     });
