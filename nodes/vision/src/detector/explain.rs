@@ -81,7 +81,13 @@ impl Detector {
 }
 
 /// Calls `each` with the pixels of the window that a part covers.
-pub(super) fn covered(frame: &Segmentation, view: &View, sought: &Sought, fit: &Fit, mut each: impl FnMut(usize)) {
+pub(in super::super) fn covered(
+    frame: &Segmentation,
+    view: &View,
+    sought: &Sought,
+    fit: &Fit,
+    mut each: impl FnMut(usize),
+) {
     let window = frame.window;
     let (Some(pixel), Some(px_from_tray)) =
         (view.pixel(fit.centre, sought.plane_m), view.px_from_tray(fit.centre, sought.plane_m))

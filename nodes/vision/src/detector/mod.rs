@@ -21,7 +21,8 @@ use super::surround::{SHOWN_MIN, Sample, Samples, Surround, Told};
 use super::template::{PartModel, SIDES};
 use super::view::{RayTable, View};
 pub(super) use company::{ALIKE_MIN, belief_of_light};
-use explain::{clip, covered};
+use explain::clip;
+pub(super) use explain::covered;
 use feeder_model::camera::{CameraModel, MountedTray};
 use guess::{glance_at, turns_at};
 
@@ -115,6 +116,8 @@ pub(super) struct Detector {
     pub(super) is_lit_from_a_side: bool,
     /// What the parts of each pose have round them in the latest frame.
     pub(super) surrounds: Vec<Surround>,
+    /// What fits best where something lies in the latest frame, but too badly to be taken for it: poses and fits.
+    pub(super) unlikely: Vec<(usize, Fit)>,
 }
 
 impl Detector {
@@ -132,6 +135,7 @@ impl Detector {
             surrounds: sought.iter().map(|sought| sought.template.surround()).collect(),
             sought,
             owners: Vec::new(),
+            unlikely: Vec::new(),
             is_lit_from_a_side: false,
         }
     }
@@ -248,6 +252,8 @@ impl Detector {
                 *owner = 0;
             }
         }
+        let dropped = found.iter().zip(&kept).filter(|(_, kept)| !**kept);
+        self.unlikely = dropped.map(|(part, _)| (part.pose, part.fit)).collect();
         let found = found.into_iter().enumerate().zip(kept).filter(|(_, kept)| *kept);
         let (mut found, shades): (Vec<Found>, Vec<Sample>) = found
             .map(|((index, part), _)| (part, self.shade(&view, &part, &self.owners_for(index, SHADE_SIGMA))))

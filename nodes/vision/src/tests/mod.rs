@@ -21,7 +21,7 @@ mod scenes;
 mod told_apart;
 
 use scenes::*;
-pub(crate) use scenes::{camera, empty_tray, over_camera};
+pub(crate) use scenes::{at, camera, empty_tray, over_camera, simple_picture};
 
 #[test]
 fn a_blank_picture_stops_selection_and_a_good_one_resumes_it() {

@@ -41,7 +41,7 @@ pub(super) fn scene(part: &PartType, noise_sigma_levels: f64) -> Scene {
     }
 }
 
-pub(super) fn at(radius_m: f64, psi_rad: f64, pose: usize) -> LaidPart {
+pub(crate) fn at(radius_m: f64, psi_rad: f64, pose: usize) -> LaidPart {
     LaidPart { pose, place: Point2::new(radius_m * psi_rad.cos(), radius_m * psi_rad.sin()), yaw_rad: 0.0 }
 }
 
@@ -83,7 +83,7 @@ pub(super) fn paint(image: &mut GrayImage, scene: &Scene, places: impl Iterator<
 }
 
 /// A picture of grommets with little noise and the tray under the camera.
-pub(super) fn simple_picture(parts: &[LaidPart]) -> GrayImage {
+pub(crate) fn simple_picture(parts: &[LaidPart]) -> GrayImage {
     shoot(&mut Renderer::new(&scene(&GROMMET, 2.0)).unwrap(), &over_camera(), parts, &mut Pcg64Mcg::seed_from_u64(11))
 }
 
