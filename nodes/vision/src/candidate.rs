@@ -56,16 +56,20 @@ const ALIKE_YAWS_RATIO_MIN: f64 = 0.5;
 const ALIKE_LEAD_DUE_MAX: f32 = 0.45;
 /// So many parts tell that parts look as taught: one alone may by chance.
 const COMPANY_MIN: usize = 2;
-/// A part must fit worse at another yaw by this share of what its template says: half way between 0 for what looks the same at
-/// both and what blunt edges leave of 1.
-const YAW_LEAD_SHARE_MIN: f32 = 0.3;
+/// A part must fit worse at another yaw by this share of what its template says: 0 for what looks the same at both, 1 for the part. Set by
+/// hand: of path-traced things that lie otherwise, or are no part, all but one have 0.1 at most, of parts one in a hundred 0.2 to 0.3.
+const YAW_LEAD_SHARE_MIN: f32 = 0.2;
+/// What fits worse by less than this share counts among those that lie as well the other way round.
+const YAW_TOLD_SHARE_MIN: f32 = 0.3;
 
 /// Where a template leaves no more than this share of a part's contrast with bare floor unexplained, it need not stand out as it
-/// did when taught: a correlation of 0.95. The look-alikes under gleaming light that were seen leave 0.15 and more.
+/// did when taught: a correlation of 0.95 alone, and of 0.89 among its like, which tell of the light. The look-alikes under gleaming light
+/// that were seen leave 0.15 and more: among parts other evidence refuses them.
 const UNEXPLAINED_RATIO_MAX: f32 = 0.1;
+const UNEXPLAINED_IN_COMPANY_RATIO_MAX: f32 = 0.2;
 /// It must stand out as much as this, of what the middle one of its like in the frame does, if there are such: light lets all stand
-/// out less. Seen of parts 0.9 to 1.15, and of a washer among nuts 0.5.
-const AS_OTHERS_RATIO: f32 = 0.7;
+/// out less. Seen of parts 0.8 and more, of a washer among nuts 0.5, and of a blank among blocks 0.71.
+const AS_OTHERS_RATIO: f32 = 0.75;
 
 /// A part as one frame shows it, in the tray frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -280,7 +284,7 @@ pub(super) fn looks_alike(detector: &Detector, config: &SelectorConfig, found: &
         let untold =
             |part: &Found| part.first_lead < lead_min && part.lead_due.is_none_or(|due| due < ALIKE_LEAD_DUE_MAX);
         let poses = found.iter().filter(may_be).map(untold);
-        let yaws = found.iter().filter(is).map(|part| !yaw_shows(part));
+        let yaws = found.iter().filter(is).map(|part| !yaw_shows(part, YAW_TOLD_SHARE_MIN));
         many(poses, ALIKE_POSES_RATIO_MIN) || many(yaws, ALIKE_YAWS_RATIO_MIN)
     };
     (0..detector.sought.len()).map(|pose| detector.light == Light::Any && is_alike(pose)).collect()
@@ -293,9 +297,9 @@ fn many(untold: impl Iterator<Item = bool>, ratio_min: f64) -> bool {
     count >= ALIKE_COUNT_MIN && count as f64 >= ratio_min * untold.len() as f64
 }
 
-/// Whether a part fits worse the other way round, and at any other yaw.
-fn yaw_shows(part: &Found) -> bool {
-    [part.turned, part.yaw_lead].into_iter().flatten().all(|share| share >= YAW_LEAD_SHARE_MIN)
+/// Whether a part fits worse by this share the other way round, and at any other yaw.
+fn yaw_shows(part: &Found, share_min: f32) -> bool {
+    [part.turned, part.yaw_lead].into_iter().flatten().all(|share| share >= share_min)
 }
 
 /// Whether a part looks as taught, in size too, and like nothing else.
@@ -303,7 +307,7 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
     let miss_max = detector.sought[part.pose].miss_max();
     let shows_detail = part.detail_seen.is_none_or(|share| share >= DETAIL_SEEN_MIN);
     let is_high = part.height_seen.is_none_or(|height| height >= HEIGHT_SEEN_MIN);
-    if part.fit.cost > miss_max || !yaw_shows(part) || !shows_detail || !is_high {
+    if part.fit.cost > miss_max || !yaw_shows(part, YAW_LEAD_SHARE_MIN) || !shows_detail || !is_high {
         return false;
     }
     let lead_min = single(config.evidence_lead_min);
@@ -311,9 +315,9 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
         return part.lead >= lead_min;
     }
     // Its like tell of the frame's own light: what it led by before that was known counts for one alone.
-    let (first_lead_min, unlike_max, size_off_max) = match part.evidence_ratio {
-        Some(_) => (f32::NEG_INFINITY, UNLIKE_MAX, SIZE_OFF_IN_COMPANY_MAX),
-        None => (lead_min, UNLIKE_ALONE_MAX, SIZE_OFF_MAX),
+    let (first_lead_min, unlike_max, size_off_max, unexplained_max) = match part.evidence_ratio {
+        Some(_) => (f32::NEG_INFINITY, UNLIKE_MAX, SIZE_OFF_IN_COMPANY_MAX, UNEXPLAINED_IN_COMPANY_RATIO_MAX),
+        None => (lead_min, UNLIKE_ALONE_MAX, SIZE_OFF_MAX, UNEXPLAINED_RATIO_MAX),
     };
     let due = part.lead_due.map_or(lead_min, |due| lead_min.max(LEAD_SHARE_MIN * due));
     let led = part.first_lead >= first_lead_min && part.lead >= due && part.beside_lead >= lead_min;
@@ -323,7 +327,7 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
     let lit = part.unlike_in_light <= unlike_in_light_max;
     let like = part.unlike <= unlike_max && size_off(amounts) <= size_off_max && darker(amounts) <= DARKER_MAX && lit;
     let (miss, evidence) = (part.fit.cost, part.evidence_per_texel);
-    let correlates = miss <= UNEXPLAINED_RATIO_MAX * (miss + 2.0 * evidence);
+    let correlates = miss <= unexplained_max * (miss + 2.0 * evidence);
     let as_others = part.evidence_ratio.is_none_or(|ratio| ratio >= AS_OTHERS_RATIO);
     let strong = evidence >= detector.sought[part.pose].template.evidence_min || as_others && correlates;
     led && like && strong && part.first_cost <= ALONE_COST_MAX
