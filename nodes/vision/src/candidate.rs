@@ -68,7 +68,7 @@ const YAW_TOLD_SHARE_MIN: f32 = 0.3;
 const UNEXPLAINED_RATIO_MAX: f32 = 0.1;
 const UNEXPLAINED_IN_COMPANY_RATIO_MAX: f32 = 0.2;
 /// It must stand out as much as this, of what the middle one of its like in the frame does, if there are such: light lets all stand
-/// out less. Seen of parts 0.8 and more, of a washer among nuts 0.5, and of a blank among blocks 0.71.
+/// out less. Seen of parts 0.9 to 1.15, but of nuts that gleam 0.5 and more, of a washer among nuts 0.5, and of a blank among blocks 0.71.
 const AS_OTHERS_RATIO: f32 = 0.75;
 
 /// A part as one frame shows it, in the tray frame.

@@ -173,7 +173,7 @@ fn between_m(detector: &Detector, part: &Lying, other: &Lying) -> f64 {
     if circles_m > NEAR_M { circles_m } else { gap_m(&part.outline, &other.outline) }
 }
 
-/// What fits badly where a thing shows on enough of it.
+/// What fits badly where a thing shows on more than [`THING_SHARE_MIN`] of it.
 fn unlikely_things(detector: &Detector, view: &View, is_thing: &[bool]) -> Vec<Lying> {
     let shows = |(pose, fit): &&(usize, Fit)| {
         let (mut px, mut thing_px) = (0.0, 0.0);
@@ -181,7 +181,7 @@ fn unlikely_things(detector: &Detector, view: &View, is_thing: &[bool]) -> Vec<L
             px += 1.0;
             thing_px += f64::from(u8::from(is_thing[pixel]));
         });
-        thing_px >= THING_SHARE_MIN * px
+        thing_px > THING_SHARE_MIN * px
     };
     let lying = |(pose, fit): &(usize, Fit)| {
         let outline = detector.outline(*pose, fit.centre, fit.yaw_rad);
@@ -219,6 +219,7 @@ mod tests {
         assert_eq!(range((100, 51), &[-1.0, 0.0, 0.5, 1.0]), (-0.3, 0.2));
         assert_eq!(range((100 + side, 50), &[0.0]), (0.0, 0.0));
     }
+
     /// The near side of a thing is as bright as the plateau, and what fits it tells where it ends.
     #[test]
     fn what_fits_a_thing_badly_tells_how_far_the_thing_reaches() {
