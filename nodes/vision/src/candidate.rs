@@ -44,12 +44,13 @@ const UNLIKE_IN_LIGHT_OF_TWO_POSES_MAX: f32 = 2.4;
 /// Mean square miss of the template alone from which it does not hold, whatever the parts of the frame have in common: seen of parts
 /// up to 1.7, in lights far from the one taught.
 const ALONE_COST_MAX: f32 = 1.8;
-/// Where at least so many things that may lie in a pose, and this share of them, looked as much like another pose before the frame's own
-/// light was known, or this share lies as well the other way round, the light does not tell these apart: what it seems to tell of
-/// the rest is chance. Set by hand: in path-traced frames in which parts were taken for others the shares were 0.2 to 0.6 and 0.5 and
-/// more, in those of grommets, coins and nuts 0 and, but for four, below 0.3.
+/// Where at least so many things that may lie in one of two poses, and this share of them, looked as much like the other before the frame's
+/// own light was known, or this share of what lies in a pose lies as well the other way round, the light does not tell these apart: what it
+/// seems to tell of the rest is chance. Set by hand: in path-traced frames of caps in which one was taken for the other the first share was
+/// 0.43 and more, of those in which none was half have less than 0.37; the second was 0.5 and more where parts were taken the wrong way
+/// round.
 const ALIKE_COUNT_MIN: usize = 2;
-const ALIKE_POSES_RATIO_MIN: f64 = 0.2;
+const ALIKE_POSES_RATIO_MIN: f64 = 0.35;
 const ALIKE_YAWS_RATIO_MIN: f64 = 0.5;
 /// Where the templates say that the right pose must lead by more than this, the light tells them apart: what leads by next to nothing all
 /// the same is neither. Seen of caps that were taken for others up to 0.3.
@@ -280,10 +281,10 @@ pub(super) fn looks_alike(detector: &Detector, config: &SelectorConfig, found: &
     let lead_min = single(config.evidence_lead_min);
     let is_alike = |pose: usize| {
         let is = |part: &&Found| part.pose == pose;
-        let may_be = |part: &&Found| is(part) || part.rival.is_some_and(|(rival, _)| rival == pose);
+        let of_two = |part: &&Found| part.rival.is_some_and(|(rival, _)| rival == pose || part.pose == pose);
         let untold =
             |part: &Found| part.first_lead < lead_min && part.lead_due.is_none_or(|due| due < ALIKE_LEAD_DUE_MAX);
-        let poses = found.iter().filter(may_be).map(untold);
+        let poses = found.iter().filter(of_two).map(untold);
         let yaws = found.iter().filter(is).map(|part| !yaw_shows(part, YAW_TOLD_SHARE_MIN));
         many(poses, ALIKE_POSES_RATIO_MIN) || many(yaws, ALIKE_YAWS_RATIO_MIN)
     };
