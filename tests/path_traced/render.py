@@ -4,7 +4,8 @@
 What the selector learns first it learns from our own renderer's pictures, so these judge it by another's: light that parts, tray and
 floor throw at each other, soft shadows, a lens with an aperture, gloss. Lights: `like` (as the scenario's own lamp), `dome` (soft sky),
 `ring` (a ring light round the lens), `side` (one lamp, low). Layouts: `teach` (nine parts apart, to learn from) and `check_all` (some 25
-parts apart and touching, in all poses, with screws, hairs, chips and blanks of the part's outline). Surfaces: `matt` and `gloss`.
+parts apart and touching, in all poses, with screws, hairs, chips and blanks of the part's outline). Surfaces: `matt` and `gloss`. With
+`--lamps` the low lamp stands elsewhere: one picture of the second kind for each place, `side1` and so on.
 
     python3 -m venv VENV && VENV/bin/pip install -r tests/path_traced/requirements.txt
     cargo build --release --package feeder_lab
@@ -36,6 +37,8 @@ LAB = REPOSITORY / "target/release/feeder-lab"
 # Room that the gripper needs, m, and grey level that the plateau is exposed to.
 CLEARANCE_M = 0.001_25
 PLATEAU_GREY = 164
+# Elevation and azimuth.
+LOW_LAMP_RAD = (math.radians(37), -0.85)
 PLAN = [
     ("teach", "dome", "matt", 6),
     ("teach", "ring", "matt", 6),
@@ -87,8 +90,8 @@ def require(is_drawn, what):
 class Setting:
     """The scenario without parts: camera, tray and lights, on the platen."""
 
-    def __init__(self, scene):
-        self.scene = scene
+    def __init__(self, scene, lamps):
+        self.scene, self.lamps = scene, lamps
         tray, geometry = scene["tray"], scene["tray"]["geometry"]
         self.x_m, self.y_m, yaw_rad = scene["feeding_place"]
         require(yaw_rad == 0.0, "a tray that is turned at the feeding place")
@@ -155,7 +158,7 @@ class Setting:
         if name == "like":
             share = light["diffuse_ratio"]
             return [[self.sky(share)], [self.lamp(1 - share, light["elevation_rad"], light["azimuth_rad"])]]
-        return [[self.sky(0.5)], [self.lamp(0.5, math.radians(37), -0.85)]]
+        return [[self.sky(0.5)], [self.lamp(0.5, *self.lamps.get(name, LOW_LAMP_RAD))]]
 
     @staticmethod
     def sky(share):
@@ -375,22 +378,33 @@ def picture(setting, shape, name, plan, samples):
     return Image.fromarray(levels), {**truth, "parts": parts, "foreign": foreign}
 
 
+def lamp_rad(text):
+    """Elevation above the plateau and azimuth from the platen's x, rad."""
+    elevation_deg, azimuth_deg = (float(number) for number in text.split(","))
+    if not 10 <= elevation_deg <= 90:
+        raise argparse.ArgumentTypeError(f"an elevation of {elevation_deg:g} degrees, allowed: 10 to 90")
+    return math.radians(elevation_deg), math.radians(azimuth_deg)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="+", help="parts of the catalogue")
     parser.add_argument("--out", type=pathlib.Path, required=True, help="folder for the pictures and truth.json")
     parser.add_argument("--scenario", help="scenario (YAML); the built-in one without it")
     parser.add_argument("--samples", type=int, default=24, help="light paths a pixel and group of lamps")
+    parser.add_argument("--lamps", nargs="+", type=lamp_rad, help="ELEVATION,AZIMUTH of low lamps, degrees")
     args = parser.parse_args()
+    lamps = {f"side{number}": lamp for number, lamp in enumerate(args.lamps or [], start=1)}
+    plans = [("check_all", name, "matt", 1) for name in lamps] or PLAN
     options = ["--scenario", args.scenario] if args.scenario else []
     scene = json.loads(subprocess.run([LAB, "scene", *options, *args.parts], check=True, stdout=subprocess.PIPE).stdout)
-    setting = Setting(scene)
+    setting = Setting(scene, lamps)
     file = args.out / "truth.json"
     truths = json.loads(file.read_text()) if file.exists() else []
     known = {truth["picture"] for truth in truths}
     for part in args.parts:
         (args.out / part).mkdir(parents=True, exist_ok=True)
-        for plan in PLAN:
+        for plan in plans:
             layout, light, kind, count = plan
             for index in range(count):
                 name = f"{part}/{layout}_{light}_{kind}_{index:02}.jpg"

@@ -46,12 +46,11 @@ const UNLIKE_IN_LIGHT_OF_TWO_POSES_MAX: f32 = 2.4;
 const ALONE_COST_MAX: f32 = 1.8;
 /// Where at least so many things that may lie in one of two poses, and this share of them, looked as much like the other before the frame's
 /// own light was known, or this share of what lies in a pose lies as well the other way round, the light does not tell these apart: what it
-/// seems to tell of the rest is chance. Set by hand: in path-traced frames of caps in which one was taken for the other the first share was
-/// 0.43 and more, of those in which none was half have less than 0.37; the second was 0.5 and more where parts were taken the wrong way
-/// round.
+/// seems to tell of the rest is chance. Set by hand, on path-traced frames: where caps were taken for the other pose the first share was 0.43
+/// and more, and with 0.35 as its limit clips were taken for others, or the other way round, where the second was 0.38 and more.
 const ALIKE_COUNT_MIN: usize = 2;
 const ALIKE_POSES_RATIO_MIN: f64 = 0.35;
-const ALIKE_YAWS_RATIO_MIN: f64 = 0.5;
+const ALIKE_YAWS_RATIO_MIN: f64 = 0.38;
 /// Where the templates say that the right pose must lead by more than this, the light tells them apart: what leads by next to nothing all
 /// the same is neither. Seen of caps that were taken for others up to 0.3.
 const ALIKE_LEAD_DUE_MAX: f32 = 0.45;
