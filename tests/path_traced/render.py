@@ -5,7 +5,7 @@ What the selector learns first it learns from our own renderer's pictures, so th
 floor throw at each other, soft shadows, a lens with an aperture, gloss. Lights: `like` (as the scenario's own lamp), `dome` (soft sky),
 `ring` (a ring light round the lens), `side` (one lamp, low). Layouts: `teach` (nine parts apart, to learn from) and `check_all` (some 25
 parts apart and touching, in all poses, with screws, hairs, chips and blanks of the part's outline). Surfaces: `matt` and `gloss`. With
-`--lamps` the low lamp stands elsewhere: one picture of the second kind for each place, `side1` and so on.
+`--lamps` the low lamp stands elsewhere: one picture of the second kind for each place, `side1` and so on; other places need another folder.
 
     python3 -m venv VENV && VENV/bin/pip install -r tests/path_traced/requirements.txt
     cargo build --release --package feeder_lab
