@@ -6,6 +6,7 @@ floor throw at each other, soft shadows, a lens with an aperture, gloss. Lights:
 `ring` (a ring light round the lens), `side` (one lamp, low). Layouts: `teach` (nine parts apart, to learn from) and `check_all` (some 25
 parts apart and touching, in all poses, with screws, hairs, chips and blanks of the part's outline). Surfaces: `matt` and `gloss`. With
 `--lamps` the low lamp stands elsewhere: one picture of the second kind for each place, `side1` and so on; other places need another folder.
+With `--few` six blanks and a screw lie among five parts (`check_few`), one picture for each light and surface.
 
     python3 -m venv VENV && VENV/bin/pip install -r tests/path_traced/requirements.txt
     cargo build --release --package feeder_lab
@@ -49,6 +50,13 @@ PLAN = [
     ("check_all", "dome", "gloss", 1),
     ("check_all", "ring", "gloss", 1),
 ]
+FEW = [("check_few", light, kind, 1) for layout, light, kind, _ in PLAN if layout == "check_all"]
+# How many parts lie apart, by what gap, how many lie against another one, and what else lies there.
+LAYOUTS = {
+    "teach": (9, 0.010, 0, []),
+    "check_all": (20, 0.0022, 8, ["screw", "hair", "chip", "lookalike", "lookalike"] * 2),
+    "check_few": (4, 0.006, 1, ["lookalike"] * 6 + ["screw"]),
+}
 
 
 def mesh(vertices, faces, **properties):
@@ -352,13 +360,13 @@ def picture(setting, shape, name, plan, samples):
     layout_name, light, kind, _ = plan
     random = np.random.default_rng(int(hashlib.sha256(name.encode()).hexdigest()[:12], 16))
     layout = Layout(setting, shape, random)
-    for _ in range(9 if layout_name == "teach" else 20):
-        layout.lay_apart(0.010 if layout_name == "teach" else 0.0022)
-    if layout_name != "teach":
-        for _ in range(8):
-            layout.lay_against_another()
-        for thing in ["screw", "hair", "chip", "lookalike", "lookalike"] * 2:
-            layout.lay_foreign(thing)
+    apart, gap_m, against, things = LAYOUTS[layout_name]
+    for _ in range(apart):
+        layout.lay_apart(gap_m)
+    for _ in range(against):
+        layout.lay_against_another()
+    for thing in things:
+        layout.lay_foreign(thing)
     scene = {"type": "scene", "integrator": {"type": "path", "max_depth": 8, "hide_emitters": True}}
     things = [*setting.tray(), *layout.meshes(kind)]
     scene.update({f"thing_{index}": thing for index, thing in enumerate(things)})
@@ -372,8 +380,8 @@ def picture(setting, shape, name, plan, samples):
     levels = light_seen * PLATEAU_GREY / np.median(light_seen[setting.plateau()])
     levels = np.clip(np.round(levels + random.normal(0, sigma, levels.shape)), 0, 255).astype(np.uint8)
     parts, foreign = layout.truth()
-    # As the shared form has it: `teach` or `all`, and gloss told in the layout's name.
-    told = ("teach" if layout_name == "teach" else "all") + ("" if kind == "matt" else f"_{kind}")
+    # As the shared form has it: `teach`, `all` or `few`, and gloss told in the layout's name.
+    told = layout_name.removeprefix("check_") + ("" if kind == "matt" else f"_{kind}")
     truth = {"picture": name, "light": light, "layout": told, "surface": kind, "noise_sigma_grey": round(sigma, 2)}
     return Image.fromarray(levels), {**truth, "parts": parts, "foreign": foreign}
 
@@ -393,9 +401,10 @@ def main():
     parser.add_argument("--scenario", help="scenario (YAML); the built-in one without it")
     parser.add_argument("--samples", type=int, default=24, help="light paths a pixel and group of lamps")
     parser.add_argument("--lamps", nargs="+", type=lamp_rad, help="ELEVATION,AZIMUTH of low lamps, degrees")
+    parser.add_argument("--few", action="store_true", help="few parts among things that look alike")
     args = parser.parse_args()
     lamps = {f"side{number}": lamp for number, lamp in enumerate(args.lamps or [], start=1)}
-    plans = [("check_all", name, "matt", 1) for name in lamps] or PLAN
+    plans = [("check_all", name, "matt", 1) for name in lamps] or (FEW if args.few else PLAN)
     options = ["--scenario", args.scenario] if args.scenario else []
     scene = json.loads(subprocess.run([LAB, "scene", *options, *args.parts], check=True, stdout=subprocess.PIPE).stdout)
     setting = Setting(scene, lamps)

@@ -25,7 +25,8 @@ const SIZE_OFF_IN_COMPANY_MAX: f32 = 0.08;
 /// another material. Shadows that were taken for parts were seen 0.5 darker or more, parts 0.3 at most.
 const DARKER_MAX: f32 = 0.4;
 /// A part that differs from others of its pose in the frame by more than this, in spreads from part to part, is none of them; and one
-/// alone from the part taught, as where it gleams or is of a lighter batch. Foreign things alone were kept out by other evidence.
+/// alone from the part taught, as where it gleams or is of a lighter batch. Foreign things alone were kept out by other evidence: with 5.2
+/// nine more nuts that gleam would be taken in one set of pictures, but two blanks of nuts among few parts.
 const UNLIKE_MAX: f32 = 1.8;
 const UNLIKE_ALONE_MAX: f32 = 3.8;
 /// Share of the lead over another pose that a part must have of what its templates say. Seen of path-traced grommets and coins 0.66 and
@@ -326,10 +327,9 @@ pub(super) fn is_recognised(detector: &Detector, part: &Found, config: &Selector
         if part.lead_due.is_some() { UNLIKE_IN_LIGHT_OF_TWO_POSES_MAX } else { UNLIKE_IN_LIGHT_MAX };
     let lit = part.unlike_in_light <= unlike_in_light_max;
     let like = part.unlike <= unlike_max && size_off(amounts) <= size_off_max && darker(amounts) <= DARKER_MAX && lit;
-    let (miss, evidence) = (part.fit.cost, part.evidence_per_texel);
-    let correlates = miss <= unexplained_max * (miss + 2.0 * evidence);
     let as_others = part.evidence_ratio.is_none_or(|ratio| ratio >= AS_OTHERS_RATIO);
-    let strong = evidence >= detector.sought[part.pose].template.evidence_min || as_others && correlates;
+    let strong = part.evidence_per_texel >= detector.sought[part.pose].template.evidence_min
+        || as_others && part.correlates(unexplained_max);
     led && like && strong && part.first_cost <= ALONE_COST_MAX
 }
 

@@ -99,6 +99,8 @@ pub(super) struct Belief {
     /// Middle of each mode's amount, and its spread relative to the usual one.
     pub middle: Amounts,
     pub spread: Amounts,
+    /// By how much parts of its pose differ from the middle one: their standard deviation, or the spread.
+    pub deviation: Amounts,
     /// What the frame adds to each texel of the template; nothing if empty.
     pub added: Vec<f32>,
     /// Evidence that the middle one has; 0 if nothing is known of others.
@@ -108,7 +110,7 @@ pub(super) struct Belief {
 impl Belief {
     /// That light, surface and lens may be any.
     pub(super) fn open() -> Self {
-        Self { middle: [0.0; MODES], spread: [1.0; MODES], added: Vec::new(), evidence: 0.0 }
+        Self { middle: [0.0; MODES], spread: [1.0; MODES], deviation: [1.0; MODES], added: Vec::new(), evidence: 0.0 }
     }
 
     /// The same of light that is known to fall as it did when the part was taught.

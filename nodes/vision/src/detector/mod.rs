@@ -95,6 +95,12 @@ impl Found {
             px: 0,
         }
     }
+
+    /// Whether the template leaves no more than this share of its contrast with bare floor unexplained: a correlation is the root of the rest.
+    pub(super) fn correlates(&self, unexplained_ratio_max: f32) -> bool {
+        let (miss, evidence) = (self.fit.cost, self.evidence_per_texel);
+        miss <= unexplained_ratio_max * (miss + 2.0 * evidence)
+    }
 }
 
 /// Finds parts in single frames.
