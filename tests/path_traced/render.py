@@ -360,13 +360,13 @@ def picture(setting, shape, name, plan, samples):
     layout_name, light, kind, _ = plan
     random = np.random.default_rng(int(hashlib.sha256(name.encode()).hexdigest()[:12], 16))
     layout = Layout(setting, shape, random)
-    apart, gap_m, against, things = LAYOUTS[layout_name]
+    apart, gap_m, against, foreign_kinds = LAYOUTS[layout_name]
     for _ in range(apart):
         layout.lay_apart(gap_m)
     for _ in range(against):
         layout.lay_against_another()
-    for thing in things:
-        layout.lay_foreign(thing)
+    for foreign_kind in foreign_kinds:
+        layout.lay_foreign(foreign_kind)
     scene = {"type": "scene", "integrator": {"type": "path", "max_depth": 8, "hide_emitters": True}}
     things = [*setting.tray(), *layout.meshes(kind)]
     scene.update({f"thing_{index}": thing for index, thing in enumerate(things)})
